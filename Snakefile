@@ -1,15 +1,24 @@
 # Palpate: from CAD meshes to a visuo-tactile dataset, its tables and its figures.
 # snakemake --cores 2 all makes the default run. Other targets, by name or file, are in README.md; `all`, `dataset`,
 # `validate`, `reports` and `smoke` are rules.
+import sys
 from pathlib import Path
 
 from snakemake.utils import min_version
 
-from workflow.run import environment, hooks
-
 min_version("9.0")
 
 PROJECT = Path(workflow.basedir)
+if workflow.current_basedir.get_path_or_uri(secret_free=True) != workflow.basedir:
+    sys.exit(
+        "Palpate is no module of another Snakemake workflow: run `snakemake` in Palpate's folder with a config of your"
+        " own (--configfile), and give the other workflow the files of results/<run>"
+    )
+if {"{", "}"} & {*workflow.basedir}:
+    sys.exit(f"{workflow.basedir}: Snakemake takes braces in a workflow's path for placeholders: rename the folder")
+
+from workflow.run import environment, hooks
+
 # At Ctrl-C the run ends its jobs (`hooks.catch_signals`). They ignore that of the terminal, where each would print.
 shell.prefix("set -euo pipefail; trap '' INT; ")
 hooks.prepare(PROJECT)
@@ -49,6 +58,7 @@ if hooks.LogHandler.current:
 onstart:
     if warning := environment.warning(PROJECT / "envs/requirements.txt"):
         logger.warning(warning)
+    hooks.end_at_signals()
     take_folder()
     hooks.catch_signals()
 

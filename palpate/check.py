@@ -7,9 +7,10 @@ as images, with the engines that make the dataset.
 """
 
 import logging
+import re
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import zip_longest
@@ -18,12 +19,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from palpate import catalogue, sensor
+from palpate import catalogue, named_files, sensor
 from palpate.atomic import atomic_write
 from palpate.batch import UnusableObject, generator
 from palpate.catalogue import Source, SourceObject
+from palpate.catalogue.source import LAYOUTS
 from palpate.configuration import ConfigError, absolute, check, read_config
+from palpate.experiments import Experiments
+from palpate.mesh.recognise import what_it_is
 from palpate.sensor import Sensor
+from palpate.training import tuning
+from palpate.training.recipes import Recipe
 
 if TYPE_CHECKING:
     from palpate.hand import Hand
@@ -33,7 +39,11 @@ FILES = "the config (config/config.yaml with --configfile and --config)"  # as m
 # Meshes that are opened, of each class in turn: so many at most, and so many bytes after the first.
 MOST_OPENED, MOST_BYTES = 24, 30_000_000
 SECONDS_A_MESH = 20.0
-TRIED = 3  # objects that are tried for the example
+TRIED = 3  # objects that are tried for the example of a class
+EXAMPLES, EXAMPLE_SECONDS = 6, 60.0  # classes that have one, at most; after this time no other begins
+COMPARED_BYTES = 300_000_000  # of files of one size, whose checksums are compared
+MOST_READ = 1000  # mesh files whose beginnings are looked at
+NAMED = 3  # files or groups that a line names
 IMAGE = {"size": 192, "samples": 8}  # of the example, at most
 
 
@@ -45,13 +55,26 @@ class HandFiles(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What a config means: its source, objects of each class, all objects, an own hand or None, the touch sensor."""
+    """What a config means: its source, objects of each class, all objects, an own hand or None, the touch sensor, the
+    experiments that there are, and how they are trained."""
 
     source: Source
     classes: dict[str, int | str]
     entries: list[SourceObject]
     hand: HandFiles | None
     sensor: Sensor
+    experiments: Experiments
+    recipe: Recipe
+
+
+def checked(path: str) -> str:
+    """The path, if Snakemake takes it as it is: its wildcards have a name, and maybe a pattern after a comma.
+
+    Raises `ConfigError` for another.
+    """
+    if re.search(r"\{\s*\w+\s*(,([^{}]|\{[\d,]+\})*)?\}|<[a-z][a-z0-9_]*>", path):
+        raise ConfigError(f"{path}: Snakemake takes {{...}} and <...> in a path for placeholders: rename it")
+    return path
 
 
 def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
@@ -60,9 +83,16 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     Raises `ConfigError` and `catalogue.CatalogueError`, in a line with the remedy, for a file that is missing or
     invalid, a source without what is asked of it, and keys that contradict each other.
     """
+    settings, schemas, training = Path(project, "config"), Path(project, "workflow/schemas"), config["training"]
+    experiments = Experiments.read(settings / "experiments.yaml", schemas / "experiments.schema.yaml")
+    chosen = training["recipe"], training["override"]
+    recipe = Recipe.read(settings / "recipes.yaml", *chosen, schemas / "recipes.schema.yaml")
+    tuning.grid(settings / "tuning.yaml", config["tuning"]["grid"])
     source = Source.from_config(config, project)
     classes = catalogue.class_counts(config, source)
     entries = catalogue.scan(source, classes)
+    for entry in entries:
+        checked(f"{source.path}/{entry.source}")
     grasps = config["grasps"]
     own = grasps["hand"]
     hand = HandFiles(absolute(own["mjcf"], project), absolute(own["sensors"], project)) if own else None
@@ -91,7 +121,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
         raise ConfigError("config frames: a released dataset has no grasps that could be closed again: set count to 0")
     if source.kind == "released" and config["vision"]["cameras"]:
         raise ConfigError("config vision.cameras: a released dataset has the paper's camera: set it to null")
-    return Settings(source, classes, entries, hand, touch_sensor)
+    return Settings(source, classes, entries, hand, touch_sensor, experiments, recipe)
 
 
 say = partial(print, flush=True)
@@ -112,6 +142,7 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     run = Path(absolute(config["results"], project), config["run"])
     catalogue.check_same_run(run, config, project)
     settings = resolve(config, project)
+    catalogue.read_places(run, catalogue.resolve_batch_size(config["batch_size"], len(settings.entries), run))
     for line in object_lines(settings, config):
         say(line)
     if settings.source.kind == "released":
@@ -119,31 +150,35 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     from palpate.vision import blender
 
     blender.load()  # before trimesh, which all that follows loads
+    from palpate import grasp, scene
     from palpate import hand as hands
-    from palpate import scene
 
     scene.draw(config["vision"], config["seed"], "")
     own, face = settings.hand, settings.sensor.gel_face
     hand = hands.from_mjcf(own.mjcf, own.sensors, face) if own else hands.allegro(face)
     for line in hands.check_files(own.mjcf, own.sensors, settings.sensor) if own else ():
         say(line)
+    grasp.check_hand(hand, config["grasps"]["timestep"], config["grasps"]["max_penetration"])
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
         looks = [look(entry, root) for entry, root in _opened(settings, name, config["seed"], Path(scratch))]
-        for line in mesh_lines(looks, settings):
+        for line in mesh_lines(looks, settings, config):
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
         for line in sensor_lines(hand, settings.sensor):
             say(line)
-        sound = [each for each in looks if not each.problem and name in (None, each.entry.object)]
         pictures: dict[str, np.ndarray] = {}
-        for each in sorted(sound, key=lambda each: each.faces)[:TRIED]:
-            say(f"{each.entry.object}, through every stage:")
-            try:
-                pictures = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch))
+        for class_name, trials in _examples(looks, name).items():
+            if pictures and time.monotonic() - start > EXAMPLE_SECONDS:
                 break
-            except UnusableObject as error:
-                say(f"  can't be used: {error}")
+            for each in trials:
+                say(f"{each.entry.object}, through every stage:")
+                try:
+                    made = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch))
+                    pictures |= {f"{class_name}: {title}": picture for title, picture in made.items()}
+                    break
+                except UnusableObject as error:
+                    say(f"  can't be used: {error}")
     from palpate.results.hand_sheet import check_sheet
 
     path = picture or run / "check.png"
@@ -155,9 +190,10 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
 
 
 def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:
-    """The source, its objects by class and split, and splits that lack objects."""
+    """The source, its objects by class and split, files that are passed over, copies, and splits that lack objects."""
     source, entries = settings.source, settings.entries
-    splits = catalogue.splits_of(entries, config["split"], config["seed"])
+    groups = _same_files(settings)
+    splits = catalogue.splits_of(entries, config["split"], config["seed"], groups)
     counts = Counter((entry.class_name, splits[entry.object]) for entry in entries)
     yield f"source: {source.kind}, {'made by Palpate' if source.kind == 'procedural' else source.path}"
     classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
@@ -166,19 +202,87 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
     for name in settings.classes:
         of_splits = [f"{split} {counts[name, split]}" for split in catalogue.SPLITS if counts[name, split]]
         yield f"  {name}: {', '.join(of_splits)}"
-    if others := sum(len(entry.others) for entry in entries):
-        yield f"  {others} further files of the same objects are not used"
+    if several := [entry for entry in entries if entry.others]:
+        others = sum(len(entry.others) for entry in several)
+        yield f"  {others} further files of the same objects are not used:"
+        notes = ["the first is taken"] * len(several)
+        yield from _same_lines([(entry.source, *entry.others) for entry in several], notes, source)
+    yield from _copy_lines(groups, settings, splits, "byte for byte")
+    if config["classes"] == "all" and source.has_class_folders and not source.pattern:
+        folders = source.class_folders(Path(source.path))
+        without = [each for each in folders if source.class_of(each) not in settings.classes]
+        yield from (f"  no class: {each} (no mesh in it)" for each in without)
+    yield from (f"  {line}" for line in (*catalogue.unread_lines(source), *_unlike_lines(settings)))
     try:
         catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables")
     except catalogue.CatalogueError as error:
         yield f"  {error}"
 
 
+def _same_files(settings: Settings) -> list[list[str]]:
+    """Names of objects with the same files. Only files of one size are read, `COMPARED_BYTES` of them at most."""
+    found, total, checksums = defaultdict(list), 0, {}
+    for entry in settings.entries if settings.source.kind in LAYOUTS else ():
+        path = Path(settings.source.path, entry.source)
+        if path.is_file():
+            found[path.stat().st_size].append((entry.object, path))
+    for size, same in sorted(found.items()):
+        total += size * len(same)
+        begin = defaultdict(list)  # most files of one size differ at their beginning
+        for name, path in same if len(same) > 1 and total <= COMPARED_BYTES else ():
+            with open(path, "rb") as file:
+                begin[hash(file.read(named_files.HEAD))].append((name, path))
+        for name, path in (each for same in begin.values() if len(same) > 1 for each in same):
+            checksums[name] = catalogue.checksum(path, settings.source.path)
+    return catalogue.copies(dict(sorted(checksums.items()))) if checksums else []
+
+
+def _same_lines(groups: Sequence[Sequence[str]], notes: Sequence[str], source: Source) -> Iterator[str]:
+    """Lines on files that show the same, each with its note, and on how to take the first one of a group alone."""
+    for files, note in [*zip(groups, notes, strict=True)][:NAMED]:
+        more = ", ..." if len(files) > NAMED + 1 else ""
+        yield f"    {' = '.join(files[: NAMED + 1])}{more} ({note})"
+    if len(groups) > NAMED:
+        yield f"    and {len(groups) - NAMED} more"
+    first, *others = map(Path, groups[0])
+    start, last = "{class}/" if source.has_class_folders else "", ""
+    if first.suffix not in {each.suffix for each in others}:
+        last = f"*{first.suffix}"
+    elif first.name not in {each.name for each in others}:
+        last = first.name
+    advice = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; ' if last else ""
+    yield f"    {advice}a line `{others[0]},yes` of source.objects (path,exclude) leaves a file out"
+
+
+def _copy_lines(
+    groups: Sequence[Sequence[str]], settings: Settings, splits: Mapping[str, str], how: str
+) -> Iterator[str]:
+    """Lines on groups of objects, by name, that are copies, and their split; how: they are the same."""
+    if groups:
+        yield f"  {len(groups)} object{'s are' if len(groups) > 1 else ' is'} there several times, {how}:"
+        files = {entry.object: entry.source for entry in settings.entries}
+        notes = [" and ".join(dict.fromkeys(splits[name] for name in group)) for group in groups]
+        yield from _same_lines([[files[name] for name in group] for group in groups], notes, settings.source)
+
+
+def _unlike_lines(settings: Settings) -> Iterator[str]:
+    """Lines on mesh files, on some of many, that are something else by their content: a page, another format."""
+    found = defaultdict(list)
+    entries = settings.entries[:: 1 + len(settings.entries) // MOST_READ] if settings.source.kind in LAYOUTS else ()
+    for file in (file for entry in entries for file in (entry.source, *entry.others)):
+        path = Path(settings.source.path, file)
+        if not named_files.unusable(path) and path.is_file() and (what := what_it_is(path)):
+            found[what].append(file)
+    for what, files in found.items():
+        yield f"{len(files)} x {what} ({', '.join(files[:NAMED])}{', ...' if len(files) > NAMED else ''})"
+
+
 class Look(NamedTuple):
     """A mesh file that was opened.
 
     Attributes: root, the folder of its source; extent, its box from corner to corner in its own unit; faces; missing,
-        what is wrong with files that it names, by their names; problem, why it can't be used, or empty.
+        what is wrong with files that it names, by their names; shape, as `palpate.mesh.facts` has it; problem, why it
+        can't be used, or empty.
     """
 
     entry: SourceObject
@@ -186,6 +290,7 @@ class Look(NamedTuple):
     extent: float = 0.0
     faces: int = 0
     missing: Mapping[str, str] = {}
+    shape: Sequence[float] = ()
     problem: str = ""
 
 
@@ -201,7 +306,7 @@ def _opened(settings: Settings, name: str | None, seed: int, scratch: Path) -> I
     if settings.source.kind == "procedural":  # all sound, and they have to be made first
         from palpate import shapes
 
-        for each in turns[:TRIED]:
+        for each in turns[: max(TRIED, min(len(settings.classes), EXAMPLES))]:
             (scratch / each.class_name).mkdir(exist_ok=True)
             shapes.write(each.class_name, int(each.object.rpartition("-")[2]), scratch / each.source, seed)
             yield each, scratch
@@ -225,19 +330,36 @@ def look(entry: SourceObject, root: Path) -> Look:
         return Look(entry, root, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
 
 
-def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str]]:
-    """Extent, faces, and what is wrong with files that it names."""
-    from palpate.mesh.build import size
+def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str], list[float]]:
+    """Extent, faces, what is wrong with files that it names, and its shape."""
+    from palpate.mesh.build import joined, size
     from palpate.mesh.load import load
 
     (parts, unit), missing = load(path, root)
-    extent = float(np.linalg.norm(np.ptp(np.concatenate([part.bounds for part in parts]), axis=0)))
+    vertices, faces, _ = joined(parts, path)
+    corner = vertices[faces]
+    sides = np.ptp(corner.reshape(-1, 3), axis=0)
+    extent = float(np.linalg.norm(sides))
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
+    if not area:
+        raise UnusableObject(f"{path}: none of its {len(faces)} triangles has an area: export its surface")
     size(path, extent, scale, unit)
-    return extent, sum(len(part.faces) for part in parts), missing
+    return extent, len(faces), missing, [float(each) / extent for each in (*sides, area**0.5)]
 
 
-def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
-    """What opened meshes lack, their sizes with a hint at their unit, and those that can't be used."""
+def _examples(looks: Sequence[Look], name: str | None) -> dict[str, list[Look]]:
+    """Of each of some classes the meshes that are tried for an example, those of the fewest faces first, and none that
+    are for collisions only; name: of the object that was asked for."""
+    found: dict[str, list[Look]] = defaultdict(list)
+    for each in sorted(looks, key=lambda each: each.faces):
+        is_asked = name == each.entry.object
+        if not each.problem and (is_asked or not name and not catalogue.is_collision(each.entry.source)):
+            found[each.entry.class_name].append(each)
+    return {class_name: found[class_name][:TRIED] for class_name in list(found)[:EXAMPLES]}
+
+
+def mesh_lines(looks: Sequence[Look], settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:
+    """What opened meshes lack, their sizes with a hint at their unit, those that can't be used, and that look alike."""
     from palpate.mesh import LARGEST
 
     sound = [each for each in looks if not each.problem]
@@ -255,6 +377,14 @@ def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
         yield from (f"  {each.entry.object}: {name}: {what}" for name, what in each.missing.items())
         if each.problem:
             yield f"  {each.entry.object} can't be used: {each.problem}"
+    if settings.source.kind not in LAYOUTS:
+        return
+    shapes = {each.entry.object: each.shape for each in sound}
+    alike = catalogue.copies(dict.fromkeys(shapes, ""), shapes) if shapes else []
+    splits = catalogue.splits_of(settings.entries, config["split"], config["seed"], alike)
+    yield from _copy_lines(alike, settings, splits, "by box and area")
+    if hulls := [each.object for each in settings.entries if catalogue.is_collision(each.source)]:
+        yield f"  {len(hulls)} objects have a collision mesh only, by its name ({', '.join(hulls[:NAMED])})"
 
 
 def sensor_lines(hand: "Hand", touch_sensor: Sensor) -> Iterator[str]:

@@ -121,7 +121,7 @@ def validate(args: argparse.Namespace) -> int:
     tables = [run.folder / f"reports/validation/{batch}.csv" for batch in run.batches]
     settings = run.config.get("grasps", {})
     limit = {"max_penetration": settings["max_penetration"]} if "max_penetration" in settings else {}
-    passed, report = validation.validate(run.folder, tables, sources=args.sources, **limit)
+    passed, report = validation.validate(run.folder, tables, sources=args.sources or run.sources, **limit)
     print(report, file=sys.stdout if passed else sys.stderr)
     return 0 if passed else 1
 
@@ -140,8 +140,6 @@ def export(args: argparse.Namespace) -> int:
     from palpate import interchange
     from palpate.dataset import Dataset
 
-    if args.output.exists():
-        raise FileExistsError(f"{args.output} exists: name a new folder, or remove it")
     given = (args.output, args.format, args.arrays, args.license, args.source)
     print(f"{args.output}: {interchange.export(Dataset(args.run), *given)} grasps")
     return 0
@@ -188,19 +186,19 @@ COMMANDS = {
     }),
     "validate": Command(validate, "check every file and array of a run", {
         "--sources": {
-            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them with the catalogue"
+            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them (default: of its config)"
         },
     }),
     "info": Command(info, "print what a run holds", {}),
     "export": Command(export, "write a run in another layout, with a data card", {
         "output": {"type": Path, "help": "a new folder"},
         "--format": {
-            "choices": ("webdataset", "parquet"),
+            "choices": ("webdataset", "parquet", "zarr"),
             "default": "webdataset",
-            "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them",
+            "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them; Zarr as xarray opens it",
         },
         "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
-        "--license": {"default": "unknown", "help": "of the data, for the data card: cc-by-4.0, ..."},
+        "--license": {"default": "unknown", "help": "of the data, by its SPDX name, as CC-BY-4.0 (https://spdx.org/licenses)"},
         "--source": {"default": "", "help": "where the meshes are from and on what terms, for the data card"},
     }),
 }  # fmt: skip

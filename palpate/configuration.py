@@ -89,7 +89,13 @@ def parse_texts(config: dict[str, Any], schema: Path | str) -> None:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML, but a key that stands twice in a mapping is an error."""
+    """YAML, but a key that stands twice in a mapping is an error, and so is a value that contains itself."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
+        node = super().compose_node(parent, index)
+        if node.end_mark is None:  # named by an alias within it
+            raise yaml.YAMLError(f"line {node.start_mark.line + 1}: this value contains itself: remove the alias in it")
+        return node
 
     def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -103,7 +109,8 @@ class _Loader(yaml.SafeLoader):
 def read_yaml(path: Path | str) -> Any:
     """What a YAML file holds.
 
-    Raises `ConfigError`, naming file and line, if it can't be read, or a key stands twice in a mapping.
+    Raises `ConfigError`, naming file and line, if it can't be read, a key stands twice in a mapping, or a value
+    contains itself.
     """
     try:
         return yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)

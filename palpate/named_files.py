@@ -25,10 +25,17 @@ HEAD = 65536  # bytes of a file in which an OBJ names its libraries as a rule, a
 SMALL = 16384  # bytes of a picture's file: of one colour, a smaller one has at most 16 million pixels
 LONGEST = 4096  # bytes of a path, at most, on Linux
 LARGEST_SIDE = 16384  # pixels: the largest that common GPUs take as a texture
+MOST_WORDS = 8  # of a line that names material libraries
 NAME = rb"([^\r\n]{1,%d})" % LONGEST
+MTLLIB = re.compile(rb"\n[ \t]*mtllib[ \t]+" + NAME, re.IGNORECASE)
+MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
+CONTINUED = re.compile(rb"^(?![ \t]*#)(?:[^\n]*\\[ \t]*\n)+[^\n]*", re.MULTILINE)
+# Options of an MTL's map statements, with the most values each has; where there may be several, they are numbers.
+OPTIONS = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2} | dict.fromkeys(
+    ("-blendu", "-blendv", "-boost", "-bm", "-cc", "-clamp", "-imfchan", "-texres", "-type"), 1
+)
+NUMBER = re.compile(r"[-+]?\.?\d[\d.eE+-]*$")
 PATTERNS = {
-    ".obj": re.compile(rb"\nmtllib[ \t]+" + NAME),
-    ".mtl": re.compile(rb"[\r\n][ \t]*(?:map_\w+|bump|disp|decal|refl|norm)[ \t]+" + NAME, re.IGNORECASE),
     ".gltf": re.compile(rb'"uri"\s*:\s*"(?!data:)([^"]{1,%d})"' % LONGEST),
     ".dae": re.compile(rb"<init_from>\s*(?:<ref>)?([^<]{1,%d})<" % LONGEST),
     ".ply": re.compile(rb"\ncomment[ \t]+texturefile[ \t]+" + NAME, re.IGNORECASE),
@@ -48,43 +55,109 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
 
     root: as for `find`. head: read only so many bytes of an OBJ, which can be long; -1: all of it.
     """
-    if path.suffix.lower() not in (*PATTERNS, ".glb") or unusable(path) or not path.is_file():
+    suffix = path.suffix.lower()
+    if suffix not in (".obj", ".glb", *PATTERNS) or unusable(path) or not path.is_file():
         return []
+    if suffix != ".obj":
+        return sorted({place for name in _names(path, suffix) if (place := find(path, name, root))})
+    with open(path, "rb") as file:
+        lines = set(MTLLIB.findall(b"\n" + joined_lines(file.read(head))))
+    names = {name for line in lines for name in library_names(path, text(line), root)}
+    places = {place for name in names if (place := find(path, name, root))}
+    for library in list(places):
+        with open(path.parent / library, "rb") as file:
+            statements = mtl_statements(file.read(MOST))
+        names = (map_statement(rest)[1] for word, rest in statements if MAP.fullmatch(word))
+        places |= {place for name in names if (place := find(path, beside(path, library, name, root), root))}
+    return sorted(places)
 
-    def existing(file: Path, suffix: str) -> list[str]:
-        most = {".obj": head, ".ply": HEAD}.get(suffix, MOST)
-        return [found for name in _names(file, suffix, most) if (found := find(path, name, root))]
 
-    found = existing(path, path.suffix.lower())
-    if path.suffix.lower() == ".obj":
-        found += [name for library in found for name in existing(path.parent / library, ".mtl")]
-    return sorted(set(found))
+def joined_lines(data: bytes) -> bytes:
+    """The text of an OBJ or MTL with each line's end as \\n, the last one's too, and no byte order mark. Lines that are
+    continued (\\) are joined, and blank ones follow, so that the numbers of lines stay."""
+    data = data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if re.search(rb"\\[ \t]*\n", data):
+        ends = re.compile(rb"\\[ \t]*\n")
+        data = CONTINUED.sub(lambda match: ends.sub(b" ", match[0]) + b"\n" * match[0].count(b"\n"), data)
+    return data if data.endswith(b"\n") else data + b"\n"
 
 
-def _names(path: Path, suffix: str, most: int) -> set[str]:
+def mtl_statements(data: bytes) -> list[tuple[str, str]]:
+    """The statements of an MTL: the first word in small letters, and the rest of the line."""
+    words = (text(line).split(None, 1) for line in joined_lines(data).split(b"\n"))
+    return [(word[0].lower(), word[1].strip() if len(word) > 1 else "") for word in words if word]
+
+
+def library_names(path: Path, rest: str, root: Path | str | None = None) -> list[str]:
+    """The names in an OBJ's `mtllib` statement: several, quoted or not, or one with spaces, whichever exist."""
+    rest = rest.strip()
+    words = re.findall(r'"[^"]+"|\S+', without_comment(rest)[: 2 * LONGEST])[:MOST_WORDS]
+    if len(words) > 1 and all(find(path, word, root) for word in words):
+        return words
+    if find(path, rest, root):
+        return [rest]
+    names = []
+    while words:
+        most = next((n for n in range(len(words), 0, -1) if find(path, " ".join(words[:n]), root)), 0)
+        if not most and not names and not any(find(path, word, root) for word in words):
+            return [without_comment(rest)]
+        names.append(" ".join(words[: most or 1]))
+        del words[: most or 1]
+    return names
+
+
+def map_statement(rest: str) -> tuple[dict[str, list[str]], str]:
+    """Options with their values, and the file's name, of the rest of an MTL's map statement."""
+    options: dict[str, list[str]] = {}
+    words = [] if len(rest) > LONGEST else rest.split(None, 1)
+    while len(words) == 2 and (most := OPTIONS.get(words[0].lower())):
+        values = options[words[0].lower()] = []
+        rest = words[1]
+        words = rest.split(None, 1)
+        while len(words) == 2 and len(values) < most and (most == 1 or NUMBER.match(words[0])):
+            values.append(words[0])
+            rest = words[1]
+            words = rest.split(None, 1)
+    return options, rest.strip()
+
+
+def beside(path: Path, library: str, name: str, root: Path | str | None = None) -> str:
+    """A texture's name in an MTL as `find` takes it: relative to the MTL's folder if it is there, else as it is."""
+    within = os.path.join(os.path.dirname(library), name)
+    return within if find(path, within, root) else name if find(path, name, root) else without_comment(name).strip('"')
+
+
+def without_comment(rest: str) -> str:
+    return re.split(r"\s#", rest, maxsplit=1)[0].strip()
+
+
+def _names(path: Path, suffix: str) -> set[str]:
+    most = HEAD if suffix == ".ply" else MOST
     with open(path, "rb") as file:
         if suffix == ".glb":
             most, suffix = min(int.from_bytes(file.read(20)[12:16], "little"), MOST), ".gltf"
         data = b"\n" + file.read(most)
     if suffix == ".ply":
         data = data.partition(b"end_header")[0]
-    return {_text(name) for name in PATTERNS[suffix].findall(data)}
+    escapes = re.compile(r"(?:\\u[0-9a-fA-F]{4})+")  # JSON's, of single characters
+    return {
+        escapes.sub(lambda match: json.loads(f'"{match[0]}"'), text(name)) for name in PATTERNS[suffix].findall(data)
+    }
 
 
-def _text(name: bytes) -> str:
-    """A name as text: in UTF-8 or else Latin-1, with JSON's escapes of single characters resolved."""
+def text(name: bytes) -> str:
+    """A name as text: in UTF-8 or else Latin-1."""
     try:
-        text = name.decode()
+        return name.decode()
     except UnicodeDecodeError:
-        text = name.decode("latin-1")
-    return re.sub(r"\\u([0-9a-fA-F]{4})", lambda match: chr(int(match[1], 16)), text)
+        return name.decode("latin-1")
 
 
 def find(path: Path, name: str, root: Path | str | None = None) -> str | None:
     """A file that a mesh file names, relative to the mesh's folder; None if there is none, or outside the root.
 
-    The first that exists of: the name in `FOLDERS`, with URI escapes and the options of MTL's statements taken off,
-    without a leading slash, and its last part beside the mesh. root: the folder that it has to be in; default: the one
+    The first that exists of: the name in `FOLDERS`, without a comment, quotes or URI escapes if need be, without a
+    leading slash, and its last part beside the mesh. root: the folder that it has to be in; default: the one
     above the mesh's. Links on the way to the mesh, and within the folders that it names, may lead anywhere.
     """
     places = (place for place in _places(name) if os.path.isfile(path.parent / place))
@@ -97,19 +170,15 @@ def is_outside(path: Path, name: str, root: Path | str | None = None) -> bool:
 
 
 def _places(name: str) -> Iterator[str]:
-    text = name.strip().replace("\\", "/")
-    if len(text) > LONGEST:
+    if len(name) > LONGEST:
         return
-    words = text.split(" ")
-    for start in range(min(len(words), 32) if text.startswith("-") else 1):
-        rest = " ".join(words[start:])
-        for each in dict.fromkeys((rest, unquote(rest))):
-            for place in (
-                *(PurePosixPath(folder, each) for folder in FOLDERS),
-                each.lstrip("/"),
-                os.path.basename(each),
-            ):
-                yield str(place)
+    plain = name.strip().replace("\\", "/")
+    bare = without_comment(plain).strip('"')
+    for each in dict.fromkeys((plain, bare, unquote(plain), unquote(bare))):
+        for folder in FOLDERS:
+            yield str(PurePosixPath(folder, each))
+        yield each.lstrip("/")
+        yield os.path.basename(each)
 
 
 def _inside(path: Path, place: str, root) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 RECORD = "config.yaml"  # in a run's folder: the config that it was last started with
 MARKS = (RECORD, "catalogue.csv", "meshes", "models", "evaluations")  # a run has one of them
+REJECTED = "rejected"  # in a run's folder: a folder a stage, a table a batch
 BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up: batch-{0000..0012}
 
 
@@ -18,9 +19,12 @@ def run_folder(path: Path | str) -> Path:
     """
     path = Path(os.path.abspath(path))
     places = [path, *path.parents]
+    if path.parts[-3:-2] == (REJECTED,) and not (places[2] / RECORD).exists():
+        places = places[3:]  # of rejected/meshes/batch-0000.csv, which is in a folder that has `meshes`
     found = (place for place in places if any((place / mark).exists() for mark in MARKS))
     named = (place.parent for place in places if place.name in MARKS[2:])
-    return next(chain(found, named), path.parent if path.name == "catalogue.csv" else path.parent.parent)
+    default = path.parent if path.name == "catalogue.csv" else path.parent.parent
+    return next(chain(found, named), default if default in places else places[0])
 
 
 def rebuild_command(path: Path | str, *targets: str) -> str:

@@ -55,13 +55,13 @@ class Failure(NamedTuple):
 class LogHandler(LogHandlerBase):
     """Shows records as Snakemake does, and from the start of a run one line of progress and a line for each failed job.
 
-    With --dry-run, --printshellcmds or --verbose it shows all that Snakemake does.
+    With --dry-run, --printshellcmds or --verbose it shows all that Snakemake does; with --quiet all, errors alone.
 
     Attributes:
         current: the handler in use, for the Snakefile; None with another logger.
         explain: from the path of a target that nothing makes to the message about it; the Snakefile sets it.
         estimate: of the run; None before it starts. done: how many jobs. failures: jobs, in order. interrupted.
-        hears: whether records reach it; with --quiet none does.
+        silent: with --quiet all.
     """
 
     writes_to_stream = True
@@ -73,8 +73,8 @@ class LogHandler(LogHandlerBase):
         self.stream = sys.stdout if settings.stdout else sys.stderr
         self.rewrites = self.stream.isatty()
         self.colours = self.rewrites and not settings.nocolor and os.environ.get("TERM") != "dumb"
-        self.quiet = not (settings.dryrun or settings.printshellcmds or settings.verbose)
-        self.hears = "all" not in map(str, settings.quiet or ())  # else Snakemake's filter keeps every record back
+        self.silent = "all" in map(str, settings.quiet or ()) and not settings.dryrun
+        self.quiet = self.silent or not (settings.dryrun or settings.printshellcmds or settings.verbose)
         self.explain: Callable[[str], str] = lambda path: f"no target {path}"
         self.estimate: Estimate | None = None
         self.done, self.failures, self.outputs = 0, [], {}
@@ -85,8 +85,12 @@ class LogHandler(LogHandlerBase):
     def begin(self, jobs: Mapping[str, int], now: Callable[[], float] = time.monotonic) -> None:
         """The run starts. jobs: how many there are of each rule."""
         self.estimate, self.total = Estimate(jobs, now), sum(jobs.values())
-        if self.quiet:
+        if self._has_line():
             threading.Thread(target=self._write_repeatedly, daemon=True).start()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """As Snakemake's, but with --quiet all that keeps back every record: those of errors and of jobs, too."""
+        return self.silent or super().filter(record)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Show a record, or count it."""
@@ -107,13 +111,15 @@ class LogHandler(LogHandlerBase):
         event, exception = str(getattr(record, "event", "")), getattr(record, "exception", "")
         self._shorten(record, exception)
         self._count(event, record)
-        if not self.estimate or not self.quiet or event == "run_info":
+        if not self.silent and (not self.estimate or not self.quiet or event == "run_info"):
             return True
         if exception == "RuleException":  # it has the job's command line and its exit status, and no more
             found = (text for pattern, text in ENDED_BY_SIGNAL.items() if pattern.search(str(record.msg)))
             self.signalled = next(found, "")
         if event in PAGES or exception == "RuleException" or REPEATED.match(str(record.msg).strip()):
             return False
+        if self.silent:
+            return record.levelno >= logging.ERROR
         return record.levelno >= logging.WARNING or self.ended.is_set()
 
     def _shorten(self, record: logging.LogRecord, exception: str) -> None:
@@ -123,6 +129,10 @@ class LogHandler(LogHandlerBase):
             record.msg = self.explain(match[1])
         elif exception in FILE_ERRORS:  # it comes with its traceback
             record.msg = text.splitlines()[-1]
+        elif exception == "RecursionError" and "overwrite_config" in text:  # Snakemake's, before the workflow is read
+            record.msg = (
+                "a file of --configfile contains itself, or is nested too deep: `palpate check <file>` says where"
+            )
 
     def _count(self, event: str, record: logging.LogRecord) -> None:
         if event == "run_info" and not self.common_settings.dryrun:
@@ -201,7 +211,7 @@ class LogHandler(LogHandlerBase):
         super().close()
 
     def _has_line(self) -> bool:
-        return bool(self.estimate) and self.quiet and not self.ended.is_set()
+        return bool(self.estimate) and self.quiet and not self.silent and not self.ended.is_set()
 
     def _clear(self) -> None:
         if self.rewrites and self._has_line():

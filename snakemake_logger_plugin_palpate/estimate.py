@@ -4,6 +4,16 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 
+# Seconds that a job of a rule takes, for those that have done none: by docs/evidence/performance.md, and of trainings
+# by the default run's. Only their ratios count: they are scaled by what the jobs that are done have taken.
+TYPICAL = {
+    **{"catalogue_batch": 0.5, "catalogue": 0.5, "rejected": 0.5, "table": 1, "validation": 1, "validate_batch": 3},
+    **{"meshes": 8, "surface": 2, "distances": 2, "grasps": 7, "touch": 2, "vision": 23, "views": 20, "charts": 7},
+    **{"frames": 7, "hold": 20, "rings": 6, "figure": 8, "evaluate": 15, "evaluate_rings": 15, "evaluate_touch": 15},
+    **{"touch_depth": 60, "reconstruction": 40},
+}
+OTHER = 3  # s, of a rule that is not among them
+SHOWN_FROM = 0.05  # share of this work that has to be done: what the first quick jobs take says little of the rest
 OVERDUE = 0.1  # share of its time so far that a job still needs, if it has run longer than its rule's others
 
 
@@ -34,24 +44,27 @@ class Estimate:
         return self.now() - self.start
 
     def seconds(self) -> float | None:
-        """Seconds left; None as long as no job is done.
+        """Seconds left; None as long as less than `SHOWN_FROM` of the work is done.
 
-        Each job that is left takes the mean time of its rule's, or of all if none of its rule is done. A running job
+        Each job that is left takes the mean time of its rule's. If none of its rule is done, it takes its `TYPICAL`
+        time, by as much longer or shorter as those that are done have taken than theirs. A running job
         that has taken longer counts among its rule's with `OVERDUE` more than its time so far. The jobs that run side
         by side are those that have run so on average, and the time left is at least that of the longest.
         """
         times = [each for times in self.took.values() for each in times]
-        if not times or self.so_far() <= 0:
+        done = sum(len(took) * TYPICAL.get(rule, OTHER) for rule, took in self.took.items())
+        planned = done + sum(count * TYPICAL.get(rule, OTHER) for rule, count in self.left.items())
+        if not times or self.so_far() <= 0 or done < SHOWN_FROM * planned:
             return None
-        overall = sum(times) / len(times)
-        mean = {rule: sum(took) / len(took) for rule, took in self.took.items()}
+        mean = {rule: TYPICAL.get(rule, OTHER) * sum(times) / done for rule in self.left}
+        mean |= {rule: sum(took) / len(took) for rule, took in self.took.items()}
         ages = [(rule, self.now() - start) for rule, start in self.running.values()]
         for rule in {rule for rule, _ in ages}:
-            late = [(1 + OVERDUE) * age for each, age in ages if each == rule and age > mean.get(rule, overall)]
+            late = [(1 + OVERDUE) * age for each, age in ages if each == rule and age > mean[rule]]
             expected = self.took.get(rule, []) + late
-            mean[rule] = sum(expected) / len(expected) if expected else overall
+            mean[rule] = sum(expected) / len(expected) if expected else mean[rule]
         left = [max(mean[rule] - age, OVERDUE * age) for rule, age in ages]
         waiting = Counter(self.left) - Counter(rule for rule, _ in ages)
-        work = sum(left) + sum(count * mean.get(rule, overall) for rule, count in waiting.items())
+        work = sum(left) + sum(count * mean[rule] for rule, count in waiting.items())
         side_by_side = max(1.0, (sum(times) + sum(age for _, age in ages)) / self.so_far())
         return max(work / side_by_side, *left, 0.0)

@@ -83,7 +83,7 @@ def test_it_says_what_there_is_and_what_is_wrong(overlay, folder, tmp_path, caps
         "5 objects in 2 classes: .glb 1, .obj 2, .ply 1, .stl 1",
         "opened 5 meshes, of which ",
         "0.143 to 136 units of the file across, 12 to ",
-        ".png: there is no such file: drawn in grey",
+        ".png: there is no such file: drawn in neutral grey",
         "brick-nested-broken can't be used: ",
         "hand: allegro, 16 joints; sensors index, middle, ring, thumb: digit, 25 mm deep",
         "  thumb, mm out of the surface of its link: sensor plane -19, gel's face +0, end of range +6",
@@ -91,6 +91,7 @@ def test_it_says_what_there_is_and_what_is_wrong(overlay, folder, tmp_path, caps
     ):
         assert line in said.out, said.out
     assert "  brick: " in said.out and "  can: " in said.out
+    assert said.out.count("through every stage:\n") == said.out.count("  grasp after") == 2  # one of each class
     with Image.open(tmp_path / "mine/check.png") as picture:
         assert picture.format == "PNG" and len(picture.convert("RGB").getcolors(10**7)) > 1000
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["check.png"]
@@ -152,6 +153,63 @@ def test_of_many_meshes_some_of_each_class_are_opened(overlay, folder, meshes_on
     assert f"opened {MOST_OPENED} of 45 meshes" in said and "brick-nested-broken can't be used" in said
 
 
+def test_copies_are_said_with_their_split_and_the_pattern_that_takes_one(overlay, folder, meshes_only, capsys):
+    """Byte for byte, by their shape, and files of one object; a hull is no example, and its object is named."""
+    shutil.copy(folder / "can/tall.stl", folder / "can/same.stl")
+    trimesh.load_mesh(folder / "can/tall.stl").export(folder / "brick/can.obj")
+    trimesh.creation.box((1, 1, 1)).export(folder / "brick/millimetres_collision.stl")
+    trimesh.creation.box((1, 1, 9)).export(folder / "can/nested/1_vhacd.stl")
+    trimesh.creation.box((1, 1, 8)).export(folder / "can/nested/2_vhacd.stl")
+    assert main(["check", str(overlay(**SMALL))]) == 0
+    said = capsys.readouterr().out
+    for line in (
+        "  1 further files of the same objects are not used:",
+        "brick/millimetres.obj = brick/millimetres_collision.stl (the first is taken)",
+        "  1 object is there several times, byte for byte:",
+        "    can/same.stl = can/tall.stl (",
+        "a line `can/tall.stl,yes` of source.objects (path,exclude) leaves a file out",
+        "  1 object is there several times, by box and area:",
+        "    brick/can.obj = can/same.stl = can/tall.stl (",
+        '`source: {pattern: "{class}/**/*.obj"}` takes such files alone',
+        "2 objects have a collision mesh only, by its name (can-nested-1_vhacd, can-nested-2_vhacd)",
+    ):
+        assert line in said, said
+    assert "vhacd, through every stage" not in said
+
+
+def test_what_is_no_mesh_is_named(overlay, meshes_only, capsys):
+    """Formats that are not read, and files that are something else by their content; a class that has no other."""
+    for case, expected in {
+        "unread-formats-silent": ("no class: parts", "STEP", "(parts/part.step)", "FBX", "USD", "VRML"),
+        "wrong-formats": ("2 x a Git LFS pointer", "an HTML page", "STEP by its content", "(wrong-formats/page.stl)"),
+    }.items():
+        source = {"kind": "folder", "path": str(PROJECT / "tests/cases" / case)}
+        classes = "all"
+        if case == "wrong-formats":
+            source |= {"path": str(PROJECT / "tests/cases")}
+            classes = [{"class": case, "objects": "all"}]
+        assert main(["check", str(overlay(**SMALL, source=source, classes=classes))]) == 0
+        said = capsys.readouterr().out
+        assert all(each in said for each in expected), said
+
+
+def test_what_the_run_rejects_is_not_usable(overlay, folder, meshes_only, capsys):
+    """Coordinates that are no numbers, no area, far from the origin: as the meshes stage says."""
+    box = trimesh.creation.box((1, 1, 1))
+    changed = {
+        "nan": np.where(np.arange(8)[:, None] == 0, np.nan, box.vertices),
+        "flat": box.vertices * [1, 0, 0],
+        "far": box.vertices * 1.1 + [123456.7, 0, 0],
+    }
+    for name, vertices in changed.items():
+        trimesh.Trimesh(vertices, box.faces, process=False).export(folder / f"can/{name}.ply")
+    assert main(["check", str(overlay(**SMALL))]) == 0
+    said = capsys.readouterr().out
+    assert "can-nan can't be used: 1 of 8 vertices are not finite" in said
+    assert "can-flat can't be used: " in said and "has an area" in said
+    assert "can-far can't be used: " in said and "rounded" in said
+
+
 def test_procedural_objects_can_be_looked_at(overlay, capsys):
     keys = {"source": {"kind": "procedural"}, "classes": [{"class": "knife", "objects": 4}]}
     assert main(["check", str(overlay(**SMALL, **keys))]) == 0
@@ -174,6 +232,10 @@ def test_procedural_objects_can_be_looked_at(overlay, capsys):
         ({"grasps": {"hand": {"mjcf": "no.xml", "sensors": "no.yaml"}}}, "no.xml: no such file"),
         ({"touch": {"sensor": "digits"}}, "digits: no such file; sensors by name are digit"),
         ({"vision": {"lights": [{"kind": "sun", "energy": 1}]}}, "light of kind sun needs a position"),
+        ({"training": {"override": {"nonsense": 1}}}, "nonsense: unknown key"),
+        ({"training": {"recipe": "papr"}}, "no recipe 'papr'"),
+        ({"tuning": {"grid": "vast"}}, "vast"),
+        ({"classes": [{"class": "cup", "objects": 1}]}, "the class cup has its meshes there; "),
     ],
 )
 def test_errors_are_the_workflows(overlay, keys, said, capsys):

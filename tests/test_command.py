@@ -79,7 +79,18 @@ def test_validate_checks_and_says_what_it_found(run, capsys):
     ("arguments", "said"),
     [
         (["info", "nowhere"], "nowhere: no such run: there is no run in ."),
+        (["info", "{run}/catalogue.csv"], "{run}/catalogue.csv is a file: name a run's folder"),
+        (["validate", "{run}/touch"], "{run}/touch is no run itself, but within the run {run}: name that"),
+        (
+            ["validate", "{run}/../empty"],
+            "{run}/../empty/catalogue.csv does not exist, and {run}/../empty is empty: name a run's folder",
+        ),
         (["view", "{run}/../nope"], "/nope: no such run: runs in {run}/.. are small"),
+        (["info", "{run}/.."], "{run}/..: no run itself: runs in {run}/.. are small"),
+        (
+            ["export", "{run}", "{run}/out", "--license", "cc-by-5"],
+            "'cc-by-5' is no licence of SPDX, such as CC-BY-4.0",
+        ),
         (["view", "{run}", "bal-0000"], "'bal-0000' is not among the 3 objects"),
         (["view", "{run}", "ball-0000", "--grasps", "7"], "ball-0000 has no grasp 7: it has 2"),
         (["view", "{run}", "ball-0000", "--model", "charts"], "no experiment 'charts' is trained in"),
@@ -88,6 +99,7 @@ def test_validate_checks_and_says_what_it_found(run, capsys):
     ],
 )
 def test_errors_are_one_line(built, arguments, said, capsys):
+    (built.parent / "empty").mkdir(exist_ok=True)
     assert main([each.format(run=built) for each in arguments]) == 1
     printed = capsys.readouterr().err
     assert said.format(run=built) in printed and printed.count("\n") == 1

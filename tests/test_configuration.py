@@ -14,9 +14,13 @@ from palpate.configuration import ConfigError, check, read_yaml, typed, whole_nu
         ("seed: 0\nrun: a\nseed: 1\n", "line 1: key 'seed' stands twice"),
         ("grasps:\n  attempts: 5\n  attempts: 6\n", "line 2: key 'attempts' stands twice"),
         ("a: " + "[" * 600 + "]" * 600, "nested too deep"),
+        ("run: &a [*a]\n", "line 1: this value contains itself"),
+        ("seed: 0\ntuning: &a\n  grid: *a\n", "line 2: this value contains itself"),
+        ("---\n&a\nrun: x\nsplit: [1, {b: *a}]\n", "line 2: this value contains itself"),
+        ("split: &a\n  <<: *a\n  train: 3\n", "line 1: this value contains itself"),
         ("run: a\0b\n", "special characters are not allowed"),
     ],
-    ids=["twice", "twice below", "deep", "NUL"],
+    ids=["twice", "twice below", "deep", "list", "mapping", "document", "merged", "NUL"],
 )
 def test_yaml_that_can_not_be_meant(tmp_path, text, said):
     path = tmp_path / "sensor.yaml"

@@ -8,7 +8,17 @@ import PIL.Image
 import pytest
 
 from palpate import mesh
-from palpate.named_files import companions, find, is_outside, texture_pixels, unusable
+from palpate.named_files import (
+    HEAD,
+    companions,
+    find,
+    is_outside,
+    joined_lines,
+    library_names,
+    map_statement,
+    texture_pixels,
+    unusable,
+)
 from tests.mesh.written import FORMATS, gltf, picture, write
 
 NAMES = {"obj": ["body.mtl", "picture.png"], "gltf": ["body.bin", "picture.png"]}
@@ -39,6 +49,61 @@ def test_names_with_escapes_options_spaces_and_other_encodings(tmp_path):
     assert companions(tmp_path / "m.obj") == ["m.mtl", "wood grain.png", "é.png"]
 
 
+def test_libraries_of_an_obj_wherever_it_names_them(tmp_path):
+    """Several lines and names, tabs, capitals, a continued line; late ones not in the head; none of a comment."""
+    late = "v 0 0 0\n" * HEAD + "mtllib late.mtl\n"
+    text = "# mtllib no.mtl\n#mtllib no.mtl\n\tMtlLib\ta.mtl  b.mtl # no.mtl\nmtllib \\\r\n c d.mtl\n\\no\n" + late
+    (tmp_path / "m.obj").write_bytes(text.encode())
+    names = ["a.mtl", "b.mtl", "c d.mtl", "late.mtl"]
+    for name in [*names, "no.mtl", "c", "no"]:
+        (tmp_path / name).write_text("")
+    assert companions(tmp_path / "m.obj") == names
+    assert companions(tmp_path / "m.obj", head=HEAD) == names[:3]
+
+
+def test_textures_are_relative_to_their_library_then_to_the_mesh(tmp_path):
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "m.obj").write_text("mtllib lib/m.mtl\n")
+    (tmp_path / "lib/m.mtl").write_text(
+        "newmtl m\n\tmap_Kd\t-s 2 2 1 both.png # map_Kd no.png\n# map_Kd no.png\nmap_Ks -clamp on beside.png\n"
+        "bump -bm 0.5 ../up.png\nmap_d gone.png\n"
+    )
+    for name in ("both.png", "lib/both.png", "beside.png", "no.png", "lib/no.png", "up.png"):
+        (tmp_path / name).write_bytes(b"")
+    assert companions(tmp_path / "m.obj") == ["beside.png", "lib/../up.png", "lib/both.png", "lib/m.mtl"]
+
+
+@pytest.mark.parametrize(
+    ("rest", "options", "name"),
+    [
+        ("t.png", {}, "t.png"),
+        ("-s 1 2 3 4 t.png", {"-s": ["1", "2", "3"]}, "4 t.png"),
+        ("-S 1 2.png", {"-s": ["1"]}, "2.png"),
+        ("-o -.5 1e-1 -clamp on -a b.png", {"-o": ["-.5", "1e-1"], "-clamp": ["on"]}, "-a b.png"),
+        ("-mm 0 1 -bm 2  a  b.png ", {"-mm": ["0", "1"], "-bm": ["2"]}, "a  b.png"),
+        ("-what 1 t.png", {}, "-what 1 t.png"),
+        ("-s 1", {"-s": []}, "1"),
+        ("", {}, ""),
+    ],
+)
+def test_options_of_a_map_statement(rest, options, name):
+    assert map_statement(rest) == (options, name)
+
+
+def test_names_of_libraries_that_are_not_there(tmp_path):
+    path = tmp_path / "m.obj"
+    assert library_names(path, "my file.mtl # old") == ["my file.mtl"]
+    (tmp_path / "a.mtl").write_text("")
+    assert library_names(path, "gone.mtl a.mtl") == ["gone.mtl", "a.mtl"]
+    assert library_names(path, "") == []
+
+
+def test_lines_keep_their_numbers_where_some_are_continued():
+    joined = joined_lines(b"\xef\xbb\xbff 1 \\\r\n2 \\ \t\r\n3\r\nC:\\a b\rlast\\x\x1a")
+    assert joined == b"f 1  2  3\n\n\nC:\\a b\nlast\\x\n"
+    assert joined_lines(b"# C:\\a\\\nv 0\n") == b"# C:\\a\\\nv 0\n"
+
+
 # Files with their contents, the mesh first, and what it names; a file of None is a pipe.
 HOSTILE = {
     "long map": (
@@ -65,6 +130,14 @@ HOSTILE = {
         ["b.mtl"],
     ),
     "pipe": ({"a.obj": None}, []),
+    "libraries": (
+        {
+            "a.obj": "mtllib " + "a " * 1_000_000 + "\n" + "mtllib a.mtl\n" * 300_000,
+            "a.mtl": "map_Kd " + "-s 1 " * 9999,
+        },
+        ["a.mtl"],
+    ),
+    "backslashes": ({"a.obj": "\\" * 1_000_000 + "\n" + "\\ " * 300_000 + "\n" + "\\\n" * 300_000}, []),
 }
 
 

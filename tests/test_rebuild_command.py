@@ -33,6 +33,21 @@ def test_a_file_is_made_by_its_path_in_the_run_with_the_runs_config(run, path, m
     assert words(rebuild_command(path)) == expected and run_folder(".") == run
 
 
+@pytest.mark.parametrize("path", ["rejected/meshes/batch-0000.csv", "rejected/touch/batch-0003.csv"])
+def test_a_table_of_rejections_is_of_the_run_that_it_is_in(run, path, tmp_path):
+    """Though `rejected` has a folder `meshes`, as a run has."""
+    for folder in (run, tmp_path / "old"):
+        (folder / "rejected/meshes").mkdir(parents=True)
+    assert words(rebuild_command(run / path)) == ([path], str(run / "config.yaml"))
+    assert f"snakemake {path} --cores 2 --configfile <the config of the run in {tmp_path / 'old'}>" == (
+        rebuild_command(tmp_path / "old" / path)
+    )
+    named = tmp_path / "results/rejected"
+    (named / "meshes").mkdir(parents=True)
+    (named / "config.yaml").touch()
+    assert run_folder(named / "meshes/batch-0000") == run_folder(named / "reports/validation.csv") == named
+
+
 def test_other_targets_may_be_named_and_braces_are_the_shells(run):
     assert words(rebuild_command(run / "touch/x.zarr", "dataset", "views/batch-{0000..0012}.zarr")) == (
         ["dataset", "views/batch-{0000..0012}.zarr"],

@@ -4,13 +4,17 @@ from palpate.lazy import lazy_exports
 
 EXPORTS = {
     "batches": ["assign_batches", "batch_number", "in_order", "read_places", "resolve_batch_size", "write_places"],
+    "changes": ["mesh_files", "stamps", "state", "write_state"],
     "record": ["check_same_run", "write_record"],
     "source": ["UP_AXIS", "CatalogueError", "Source"],
-    "sources": ["SourceObject", "all_classes", "class_counts", "file_name", "scan", "style_of"],
+    "sources": [
+        *("LETTERS", "SourceObject", "all_classes", "class_counts", "file_name", "scan", "style_of", "unread_lines"),
+    ],
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
-        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "fill", "join_copies"),
+        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "fill"),
         *("companions", "read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),
     ],
+    "variants": ["is_collision"],
 }
 __all__, __getattr__ = lazy_exports(__name__, EXPORTS)

@@ -1,21 +1,25 @@
-"""What users specify for objects in a CSV file: class and split.
+"""What users specify for objects in a CSV file: class, split, up axis, scale, and files that are left out.
 
-    path,class,split
-    002_master_chef_can,can,test      a file or a folder below the source's path: all meshes in it
-    mugs/blue.glb,,train
+    path,class,split,up,scale,exclude
+    002_master_chef_can,can,test,,,        a file or a folder below the source's path: all meshes in it
+    mugs/blue.glb,,train,y,0.001,
+    mugs/blue_old.glb,,,,,yes
 
 An empty field specifies nothing. Of several rows the one of the longest path counts, field by field.
 """
 
 import csv
 import os
+import unicodedata
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from palpate.catalogue.split import SPLITS
 from palpate.configuration import ConfigError
 
-COLUMNS = ("path", "class", "split")
+COLUMNS = ("path", "class", "split", "up", "scale", "exclude")
+EXCLUDE = {"yes": "yes", "true": "yes", "1": "yes", "x": "yes", "no": "no", "false": "no", "0": "no", "": ""}
+MOST_BYTES = 1 << 28  # of the file: a million rows have less
 
 
 class Given(NamedTuple):
@@ -23,6 +27,9 @@ class Given(NamedTuple):
 
     class_name: str = ""
     split: str = ""
+    up: str = ""
+    scale: str = ""
+    exclude: str = ""
 
     def over(self, other: "Given") -> "Given":
         """Field by field this one's, or the other's where this one is empty."""
@@ -37,12 +44,17 @@ class ObjectTable(dict[str, Given]):
         """Whether an object's class may be another than its folder says."""
         return any(given.class_name for given in self.values())
 
+    @property
+    def excludes(self) -> bool:
+        """Whether files may be left out."""
+        return any(given.exclude == "yes" for given in self.values())
+
     def of(self, path: str, class_name: str) -> Given:
         """What is specified for a mesh file; class_name: its class if no row gives it another."""
         given = Given()
         for place in (path, *map(str, PurePosixPath(path).parents)) if self else ():
-            given = given.over(self.get(place, Given()))
-        return given.over(Given(class_name))
+            given = given.over(self.get(place, given))
+        return given._replace(class_name=given.class_name or class_name)
 
 
 def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
@@ -52,6 +64,8 @@ def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
     Raises ConfigError, naming file, line and remedy, for a file that is missing or has another form, a value that can't
     be, a path that does not exist, or two rows about one thing.
     """
+    if os.path.exists(path) and not (os.path.isfile(path) and os.path.getsize(path) <= MOST_BYTES):
+        raise ConfigError(f"{path}: no file, or over {MOST_BYTES >> 20} MiB: set source.objects to a CSV file")
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
@@ -81,11 +95,28 @@ def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
         key = _relative(values["path"], Path(root), place)
         if key in table:
             raise ConfigError(f"{place}: there is a line for {key} already: remove one of them")
-        split = values.get("split", "")
+        split, up, scale, exclude = (values.get(name, "") for name in COLUMNS[2:])
         if split not in ("", *SPLITS):
             raise ConfigError(f"{place}: split {split!r}: expected {', '.join(SPLITS)}, or nothing")
-        table[key] = Given(values.get("class", ""), split)
+        if up not in ("", "x", "y", "z"):
+            raise ConfigError(f"{place}: up {up!r}: expected x, y, z, or nothing")
+        if scale not in ("", "diagonal", "keep") and not _is_scale(scale):
+            raise ConfigError(
+                f"{place}: scale {scale!r}: expected diagonal, keep, metres a unit of the file (0.001), or nothing"
+            )
+        if exclude.lower() not in EXCLUDE:
+            raise ConfigError(f"{place}: exclude {exclude!r}: expected yes, no, or nothing")
+        name = unicodedata.normalize("NFC", values.get("class", ""))
+        table[key] = Given(name, split, up, scale, EXCLUDE[exclude.lower()])
     return table
+
+
+def _is_scale(text: str) -> bool:
+    """Whether a text is a number of metres a unit, as the config's schema has it."""
+    try:
+        return text[0].isdigit() and 0 < float(text) <= 1e6
+    except ValueError:
+        return False
 
 
 def _relative(text: str, root: Path, place: str) -> str:
@@ -94,6 +125,9 @@ def _relative(text: str, root: Path, place: str) -> str:
         relative = path.relative_to(os.path.normpath(root)).as_posix()
     except (ValueError, RuntimeError):
         raise ConfigError(f"{place}: {text} is not below {root}: paths are relative to source.path") from None
-    if not path.exists():
+    if not path.exists():  # as macOS writes names, or as others do
+        forms = (unicodedata.normalize(form, relative) for form in ("NFC", "NFD"))
+        if existing := [each for each in forms if os.path.exists(os.path.join(root, each))]:
+            return existing[0]
         raise ConfigError(f"{place}: {path}: no such file or folder: correct the path, or remove the line")
     return relative

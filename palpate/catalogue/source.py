@@ -2,6 +2,7 @@
 
 import os
 import re
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -103,7 +104,7 @@ class Source:
     def class_of(self, folder: str) -> str:
         """The class of a folder's name."""
         names = {synset: name for name, synset in SYNSETS.items()} if self.kind == "shapenet" else {}
-        return names.get(folder, folder)
+        return names.get(folder, unicodedata.normalize("NFC", folder))
 
     def folder_of(self, class_name: str) -> str:
         """The name of a class's folder. Raises CatalogueError for a name that ShapeNet's synsets are not known by."""

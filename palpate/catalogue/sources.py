@@ -13,23 +13,29 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
+from unicodedata import normalize
 
 from palpate import shapes
 from palpate.batch import UnusableObject, generator
 from palpate.catalogue.object_table import ObjectTable, read_object_table
 from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source
+from palpate.catalogue.variants import is_general, of_one_object
 from palpate.configuration import ConfigError
+from palpate.mesh.recognise import UNREAD
 from palpate.named_files import HEAD, unusable
 from palpate.released.layout import SURFACES, ReleasedObject, read_released
 
 log = logging.getLogger(__name__)
 
-# Of classes, as the schemas of config and catalogue have it: letters of any script and digits, with spaces and some
-# signs between them.
-CLASS_NAME = r"\w([\w .,()&'+-]*[\w.)+-])?"
+# Letters of any script and digits, with their marks, which `\w` lacks: vowel signs of Devanagari, accents, joiners.
+LETTERS = r"\w\u0300-\u1fff\u200c\u200d\u20d0-\u20ff\u302a-\u309a\ua66f-\uabff"
+# Of classes, as the schemas of config and catalogue have it: letters, with spaces and some signs between them.
+CLASS_NAME = rf"\w([{LETTERS} .,()&'+-]*[{LETTERS}.)+-])?"
 LONGEST_NAME = 200  # bytes of an object's name: 255 of a file's name, and what is added to it
 ONE_CLASS = "object"  # of a source without folders of classes, where nothing else says one
-MESH_SUFFIX = re.compile(rf"({'|'.join(map(re.escape, MESH_SUFFIXES))})$", re.IGNORECASE)
+MESH_SUFFIX, UNREAD_SUFFIX = (
+    re.compile(rf"({'|'.join(map(re.escape, suffixes))})$", re.IGNORECASE) for suffixes in (MESH_SUFFIXES, UNREAD)
+)
 # The file of one object that is taken of several: formats that may have textures come first.
 PREFERENCE = (".glb", ".gltf", ".obj", ".dae", ".ply", ".3mf", ".off", ".stl")
 
@@ -78,15 +84,17 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
             f"source {source.kind} has one class, the config has {', '.join(classes)}: keep one of them, or say which "
             "object is of which class in a CSV file (source.objects)"
         )
-    everything = _by_class(_candidates(source, None), table) if table.gives_classes else {}
+    everything = _by_class(_candidates(source, None, table), table) if table.gives_classes else {}
     entries = []
     for name, count in classes.items():
         if source.kind == "released":
             found, place = _released(source, name), root / SURFACES / name
         elif table.gives_classes:
             found, place = everything.get(name, []), Path(source.objects)
+            if not found:
+                raise CatalogueError(f"{place}: no mesh is of class {name}; there are {_listed(sorted(everything))}")
         else:
-            found = _candidates(source, name)
+            found = _candidates(source, name, table)
             own_folder = source.has_class_folders and not source.pattern
             place = root / source.folder_of(name) if own_folder else root
         if not found and source.pattern:
@@ -124,7 +132,7 @@ def all_classes(source: Source) -> dict[str, Count]:
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
     root, table = _root(source), _object_table(source)
-    if source.has_class_folders and not source.pattern and not table.gives_classes:
+    if source.has_class_folders and not source.pattern and not (table.gives_classes or table.excludes):
         folders = source.class_folders(root)
         found = [
             each for each in folders if any(next(_matches(root, _filled(name, each)), None) for name in source.patterns)
@@ -137,10 +145,22 @@ def all_classes(source: Source) -> dict[str, Count]:
                 '("*.obj" for files without such folders)'
             )
         return dict.fromkeys(map(source.class_of, found), "all")
-    found = _by_class(_candidates(source, None), table)
+    found = _by_class(_candidates(source, None, table), table)
     if not found:
         raise CatalogueError(_no_mesh(source))
     return dict.fromkeys(sorted(found), "all")
+
+
+def unread_lines(source: Source) -> list[str]:
+    """Lines on files below the source's path that have 3D data in formats that are not read, and what to do."""
+    found: dict[tuple[str, str], list[str]] = {}
+    if source.kind in LAYOUTS and Path(source.path).is_dir():
+        for file in _each_mesh(Path(source.path), UNREAD_SUFFIX):
+            found.setdefault(UNREAD[os.path.splitext(file)[1].lower()], []).append(file)
+    return [
+        f"{len(files)} {name} file{'s' * (len(files) > 1)} passed over ({_listed(sorted(files), 3)}): {remedy}"
+        for (name, remedy), files in sorted(found.items())
+    ]
 
 
 def class_counts(config: Mapping[str, Any], source: Source) -> dict[str, Count]:
@@ -151,13 +171,14 @@ def class_counts(config: Mapping[str, Any], source: Source) -> dict[str, Count]:
     """
     if config["classes"] == "all":
         return all_classes(source)
-    times = Counter(row["class"] for row in config["classes"])
+    classes = {normalize("NFC", row["class"]): row["objects"] for row in config["classes"]}
+    times = Counter(normalize("NFC", row["class"]) for row in config["classes"])
     if twice := [name for name, count in times.items() if count > 1]:
         raise ConfigError(
             f"config classes: {', '.join(twice)} listed more than once: keep one entry of each class, "
             "with the number of objects that it shall have"
         )
-    return {row["class"]: row["objects"] for row in config["classes"]}
+    return classes
 
 
 def _root(source: Source) -> Path:
@@ -194,12 +215,15 @@ def _no_mesh(source: Source) -> str:
     return f"{message}: correct source.pattern{inner}"
 
 
-def _candidates(source: Source, class_name: str | None) -> list[SourceObject]:
-    """The objects of a class, or of all classes, named by their paths, without what users say of them."""
+def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> list[SourceObject]:
+    """The objects of a class, or of all classes, named by their paths, without what users say of them, but for files
+    that they exclude."""
     found: list[SourceObject] = []
     for pattern in source.patterns:
         better = {(each.class_name, each.object): place for place, each in enumerate(found)}
         for each in _of_pattern(source, pattern, class_name):
+            if table.excludes and table.of(each.source, "").exclude == "yes":
+                continue
             place = better.get((each.class_name, each.object))
             if place is None:
                 found.append(each)
@@ -207,7 +231,8 @@ def _candidates(source: Source, class_name: str | None) -> list[SourceObject]:
                 found[place] = found[place]._replace(others=(*found[place].others, each.source))
     if not source.pattern:
         _warn_of_folders_without(source, class_name, found)
-    return [each._replace(others=tuple(sorted(each.others))) if each.others else each for each in _one_of_each(found)]
+    found = [each._replace(others=tuple(sorted(each.others))) if each.others else each for each in _one_of_each(found)]
+    return _without_general_names(found) if source.kind == "folder" else found
 
 
 def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterator[SourceObject]:
@@ -217,8 +242,8 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
         of_class = {"": class_name or ONE_CLASS}
     elif class_name is not None:
         folder = source.folder_of(class_name)
-        _check_class_folder(source, steps[: steps.index("{class}")], folder, class_name)
-        of_class = {folder: class_name}
+        folders = _class_folders(source, steps[: steps.index("{class}")], folder, class_name)
+        of_class = dict.fromkeys(folders, class_name)
     else:
         above = "".join(f"{step}/" for step in steps[: steps.index("{class}")])
         places = sorted(glob.glob(above, root_dir=root)) if above else [""]
@@ -237,10 +262,13 @@ def _filled(pattern: str, folder: str) -> str:
     return pattern.replace("{class}", glob.escape(folder))
 
 
-def _check_class_folder(source: Source, above: Sequence[str], folder: str, class_name: str) -> None:
-    place = Path(source.path, *above)
-    if any(map(glob.has_magic, above)) or (place / folder).is_dir():
-        return
+def _class_folders(source: Source, above: Sequence[str], folder: str, class_name: str) -> list[str]:
+    """The names that a class's folder has: as it is given, or as macOS writes it. Raises CatalogueError for none."""
+    place, forms = Path(source.path, *above), (folder, *(normalize(form, folder) for form in ("NFC", "NFD")))
+    steps = "".join(f"{step}/" for step in above)
+    present = [each for each in dict.fromkeys(forms) if glob.glob(f"{steps}{glob.escape(each)}/", root_dir=source.path)]
+    if present or any(map(glob.has_magic, above)):
+        return present or [folder]
     if source.kind == "shapenet":
         raise CatalogueError(
             f"{place / folder}: no such folder: it holds ShapeNet's class {class_name}; unpack it there"
@@ -269,13 +297,14 @@ def _matches(root: Path, pattern: str) -> Iterator[str]:
     return (file.encode("utf-8", "backslashreplace").decode() for file in found)  # see `named_files.unusable`
 
 
-def _each_mesh(folder: Path) -> Iterator[str]:
-    """Mesh files at any depth. Links are followed but for those to a folder that they lie in, as `glob` would."""
+def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[str]:
+    """Mesh files, or those of other suffixes, at any depth. Links are followed, as by `glob`, but for those to a folder
+    that they lie in."""
     for place, folders, files in os.walk(folder, followlinks=True):
         folders[:] = [name for name in folders if not name.startswith(".") and not _returns(folder, Path(place, name))]
         within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files
         for name in files:
-            if MESH_SUFFIX.search(name) and not name.startswith("."):
+            if suffix.search(name) and not name.startswith("."):
                 yield name if within == "." else f"{within}/{name}"
 
 
@@ -304,13 +333,40 @@ def _warn_of_folders_without(source: Source, class_name: str | None, found: Iter
 
 
 def _one_of_each(found: list[SourceObject]) -> Iterator[SourceObject]:
-    """One entry for all files of a folder that differ in their suffix only: the first by `PREFERENCE`."""
-    groups: dict[str, list[SourceObject]] = {}
+    """One entry for all files that show one object (`palpate.catalogue.variants`): of the best, by `PREFERENCE`, one.
+
+    Files of patterns that end with a file's name are objects of their own.
+    """
+    classes: dict[str, list[SourceObject]] = {}
     for each in found:
-        groups.setdefault(MESH_SUFFIX.sub("", each.source), []).append(each)
-    for group in groups.values():
-        best, *others = sorted(group, key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
-        yield best._replace(others=(*best.others, *(each.source for each in others))) if others else best
+        if MESH_SUFFIX.sub("", each.source).endswith(each.object):
+            classes.setdefault(each.class_name, []).append(each)
+        else:
+            yield each
+    for entries in classes.values():
+        entries = sorted(entries, key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
+        for best, *others in of_one_object([each.object for each in entries]):
+            entry, others = entries[best], (entries[each].source for each in others)
+            yield entry._replace(others=(*entry.others, *others))
+
+
+def _without_general_names(found: list[SourceObject]) -> list[SourceObject]:
+    """The entries, named by their folders where a file's name says nothing: `003_can/textured`, alone there."""
+    taken = {(each.class_name, each.object) for each in found}
+    inside: Counter[tuple[str, str]] = Counter()
+    for each in found:
+        above = each.object
+        while above := above.rpartition("/")[0]:
+            inside[each.class_name, above] += 1
+    renamed = []
+    for each in found:
+        name = each.object
+        above, _, last = name.rpartition("/")
+        while above and inside[each.class_name, above] == 1 and is_general(last):
+            name = above
+            above, _, last = name.rpartition("/")
+        renamed.append(each if (each.class_name, name) in taken else each._replace(object=name))
+    return renamed
 
 
 def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:
@@ -326,15 +382,15 @@ def _described(entry: SourceObject, table: ObjectTable, source: Source) -> Sourc
     """An object with its own name, up axis, scale and split."""
     if source.kind == "released":
         return entry._replace(up=source.up, scale=source.scale)
-    up = source.up
-    if up == "format":
+    given, up = table.of(entry.source, entry.class_name), source.up
+    if up == "format" and not given.up:
         suffix = os.path.splitext(entry.source)[1].lower()
         up = _collada_up(Path(source.path, entry.source)) if suffix == ".dae" else FORMAT_UP.get(suffix, "z")
     return entry._replace(
         object=_object(entry.class_name, entry.object),
-        up=up,
-        scale=source.scale,
-        split=table.of(entry.source, entry.class_name).split,
+        up=given.up or up,
+        scale=float(given.scale) if given.scale[:1].isdigit() else given.scale or source.scale,
+        split=given.split,
     )
 
 
@@ -384,8 +440,10 @@ def _released_objects(source: Source) -> list[ReleasedObject]:
 @cache
 def file_name(class_name: str) -> str:
     """A class's name as a part of file names: spaces are `_`; where other characters have to go, a hash follows."""
-    spaced = class_name.replace(" ", "_")
-    safe = re.sub(r"[^A-Za-z0-9_.-]", "_", spaced)
+    spaced = normalize("NFC", class_name).replace(" ", "_")
+    safe = re.sub(rf"[^{LETTERS}.-]", "_", spaced)
+    if len(safe.encode()) > LONGEST_NAME:
+        safe, spaced = safe.encode()[: LONGEST_NAME - 9].decode(errors="ignore"), ""
     return safe if safe == spaced else f"{safe}-{_hash(class_name)}"
 
 
@@ -396,15 +454,16 @@ def _hash(text: str) -> str:
 def _object(class_name: str, path: str) -> str:
     """The object's name: class and path, folders joined by '-'; what repeats the part before it is left out.
 
-    A path that has characters which are not safe in file names loses them and gets a hash of itself instead,
-    so that different files keep different names. So does one that is too long for a file's name.
+    A path that has other characters than letters, digits, `_`, `.` and `-` loses them and gets a hash of itself
+    instead, so that different files keep different names. So does one that is too long for a file's name.
     """
+    path = normalize("NFC", path)
     parts = [class_name, *path.split("/")]
     joined = "-".join(part for before, part in zip(parts, parts[1:], strict=False) if part != before)
-    safe = re.sub(r"[^A-Za-z0-9_.-]", "_", joined)
+    safe = re.sub(rf"[^{LETTERS}.-]", "_", joined)
     name = f"{file_name(class_name)}-{safe}" if safe else file_name(class_name)
-    if len(name) > LONGEST_NAME:
-        return f"{name[: LONGEST_NAME - 9]}-{_hash(path)}"
+    if len(name.encode()) > LONGEST_NAME:
+        return f"{name.encode()[: LONGEST_NAME - 9].decode(errors='ignore')}-{_hash(path)}"
     return name if safe == joined else f"{name}-{_hash(path)}"
 
 
@@ -441,6 +500,6 @@ def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) 
     return sorted(entries)
 
 
-def _listed(names: Iterable[str]) -> str:
+def _listed(names: Iterable[str], most: int = 10) -> str:
     names = list(names)
-    return (", ".join(names[:10]) or "nothing") + (", ..." if len(names) > 10 else "")
+    return (", ".join(names[:most]) or "nothing") + (", ..." if len(names) > most else "")

@@ -32,25 +32,25 @@ def held_out_styles(class_name: str, styles: Iterable[str], ratios: Mapping[str,
     return set(ordered[: min(max(round(rest * len(ordered)), rest > 0), len(ordered) - 1)])
 
 
-def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
+def suggest_split(object_names: Iterable[str], few: bool = False) -> dict[str, int] | None:
     """Ratios near the paper's, as whole numbers, that put at least one of the objects in each split.
 
-    None if there are fewer objects than splits.
+    With fewer objects than splits None, or, with `few`, one object in each of the first splits.
     """
     fractions = sorted(_fraction(name, SALT) for name in object_names)
     count, cuts, reached = len(fractions), [], 0.0
-    if count < len(SPLITS):
+    if count < len(SPLITS) and not few:
         return None
-    total = sum(PAPER_SPLIT.values())
-    for position, split in enumerate(SPLITS[:-1]):
+    splits, total = SPLITS[:count], sum(PAPER_SPLIT.values())
+    for position, split in enumerate(splits[:-1]):
         reached += PAPER_SPLIT[split] / total
-        least, most = (cuts[-1] if cuts else 0) + 1, count - len(SPLITS) + 1 + position
+        least, most = (cuts[-1] if cuts else 0) + 1, count - len(splits) + 1 + position
         cuts.append(min(max(round(reached * count), least), most))
     places = [0.0, *((fractions[cut - 1] + fractions[cut]) / 2 for cut in cuts), 1.0]
     for whole in (100, 10_000, 10**6, 10**9):
         edges = [round(place * whole) for place in places]
-        found = {split: edges[i + 1] - edges[i] for i, split in enumerate(SPLITS)}
-        if min(found.values()) > 0 and {_cut(each, found) for each in fractions} == set(SPLITS):
+        found = {split: edges[i + 1] - edges[i] for i, split in enumerate(splits)}
+        if min(found.values()) > 0 and {_cut(each, found) for each in fractions} == set(splits):
             return found
     return None
 

@@ -4,7 +4,7 @@ import csv
 import hashlib
 import sys
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,11 +14,12 @@ from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject, style_of
 from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
 from palpate.checksums import DamagedFile, read_rows, size_and_sha256
-from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.rebuild_command import rebuild_advice, rebuild_command, run_folder
 from palpate.released import layout
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others", "turn", "style")
 OTHERS = "; "
+ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look like copies
 
 
 class CatalogueEntry(NamedTuple):
@@ -47,6 +48,18 @@ class CatalogueEntry(NamedTuple):
         return self.scale in ("", "diagonal")
 
 
+def _no_run(path: Path) -> str:
+    """Why a missing table is none that could be built: it would not be in a run's own folder. Empty if it would."""
+    folder, run = path.parent, run_folder(path)
+    if folder.exists() and not folder.is_dir():
+        return f"{folder} is a file: name a run's folder"
+    if path.name == "catalogue.csv" and run != folder.resolve() and (run / path.name).is_file():
+        return f"{folder} is no run itself, but within the run {run}: name that"
+    if folder.is_dir() and not any(folder.iterdir()):
+        return f"{path} does not exist, and {folder} is empty: name a run's folder"
+    return ""
+
+
 def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     """The rows of a `catalogue.csv`, or of one batch's, in their order.
 
@@ -54,14 +67,17 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     rows, or lacks a value of object, class or batch.
     """
     if not Path(path).is_file():
+        if problem := _no_run(Path(path)):
+            raise CatalogueError(problem)
         folder = Path(path).parent
-        if folder.is_dir():
+        place = folder if folder.is_dir() else folder.parent
+        runs = sorted(catalogue.parent.name for catalogue in place.glob("*/catalogue.csv"))
+        if folder.is_dir() and not runs:
             raise CatalogueError(
                 f"{path} does not exist; name a run's folder, or build it with: {rebuild_command(path)}"
             )
-        runs = sorted(place.parent.name for place in folder.parent.glob("*/catalogue.csv"))
-        known = f"runs in {folder.parent} are {', '.join(runs)}" if runs else f"there is no run in {folder.parent}"
-        raise CatalogueError(f"{folder}: no such run: {known}")
+        known = f"runs in {place} are {', '.join(runs)}" if runs else f"there is no run in {place}"
+        raise CatalogueError(f"{folder}: {'no run itself' if folder.is_dir() else 'no such run'}: {known}")
     again = rebuild_advice(path)
     try:
         rows = read_rows(path, COLUMNS[:4], again)
@@ -84,15 +100,33 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     return entries
 
 
-def splits_of(entries: Iterable[SourceObject], ratios: Mapping[str, Any], seed: int = 0) -> dict[str, str]:
+def splits_of(
+    entries: Iterable[SourceObject | CatalogueEntry],
+    ratios: Mapping[str, Any],
+    seed: int = 0,
+    groups: Iterable[Sequence[str]] = (),
+) -> dict[str, str]:
     """The split of each object by name: the one that the source or the user gives, or that of its name.
 
     Where names decide and leave a split without objects, though each should have some, other ratios are taken:
     those of `suggest_split`. ratios: the config's `split`; with its `held_out: styles`, the objects of
-    `held_out_styles` are those of validation and test. seed: of procedural objects. Raises CatalogueError for objects
-    without a style.
+    `held_out_styles` are those of validation and test. seed: of procedural objects. groups: names of objects that are
+    copies (`copies`): they are in the split that one of them is given, or else in that of the first; several that are
+    given stay. Raises CatalogueError for objects without a style.
     """
-    entries, held_out = list(entries), ratios.get("held_out")
+    every, held_out = {each.object: each for each in entries}, ratios.get("held_out")
+    first = {name: group[0] for group in groups for name in group}
+    given = {first.get(each.object, each.object): each.split for each in reversed(every.values()) if each.split}
+    entries = [
+        each._replace(split=given.get(name, "")) for name, each in every.items() if first.get(name, name) == name
+    ]
+    splits = _splits_of(entries, ratios, seed, held_out)
+    return {name: each.split or splits[first.get(name, name)] for name, each in every.items()}
+
+
+def _splits_of(
+    entries: Sequence[SourceObject | CatalogueEntry], ratios: Mapping[str, Any], seed: int, held_out: str | None
+) -> dict[str, str]:
     ratios = {split: ratios[split] for split in SPLITS}
     if held_out == "styles":
         names = dict.fromkeys(entry.class_name for entry in entries)
@@ -103,21 +137,46 @@ def splits_of(entries: Iterable[SourceObject], ratios: Mapping[str, Any], seed: 
             entry.object: assign_split(entry.object, shares[styles[entry.object] in unseen[entry.class_name]])
             for entry in entries
         }
-    ratios = fill(ratios, [entry.object for entry in entries if not entry.split], len(entries))
+    ratios = fill(ratios, [each.object for each in entries if not each.split], {each.split for each in entries} - {""})
     return {entry.object: entry.split or assign_split(entry.object, ratios) for entry in entries}
 
 
-def fill(ratios: Mapping[str, float], names: Sequence[str], objects: int) -> Mapping[str, float]:
-    """The ratios, or those of `suggest_split` where names alone decide and these would leave a split empty."""
-    if len(names) < objects or min(ratios.values()) <= 0 or len({assign_split(each, ratios) for each in names}) > 2:
+def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[str] = ()) -> Mapping[str, float]:
+    """The ratios, or others, where names would leave a split empty: if they alone decide, those of `suggest_split`,
+    and of fewer objects than splits the first to train, the next to validation; else train alone, if none is there.
+
+    given: splits that further objects are given.
+    """
+    filled = {assign_split(each, ratios) for each in names}
+    if not names or min(ratios.values()) <= 0 or len(filled) > 2 or (given and "train" in filled | set(given)):
         return ratios
-    return suggest_split(names) or ratios
+    return {"train": 1} if given else suggest_split(names, few=True)
 
 
-def join_copies(entries: Iterable[CatalogueEntry]) -> list[CatalogueEntry]:
-    """The entries, each whose files are those of one before it (by checksum) in the split of that one."""
-    first: dict[str, str] = {}
-    return [entry._replace(split=first.setdefault(entry.checksum or entry.object, entry.split)) for entry in entries]
+def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
+    """Groups of objects, by name, that are copies: of one checksum, or of boxes and areas that agree to `ALIKE`.
+
+    checksums: of all objects, in order; an empty one tells nothing. shapes: of some, the sides of the box, whose order
+    does not count, and the root of the area, in diagonals of the box.
+    """
+    import numpy as np
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    place, first = {name: number for number, name in enumerate(checksums)}, {}
+    pairs = [(number, first.setdefault(checksums[name] or name, number)) for name, number in place.items()]
+    if shapes:
+        rows = np.array([[*sorted(sides), area] for *sides, area in shapes.values()]).round(6)
+        rows, one, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)  # of many, few differ
+        of_row = np.array([place[name] for name in shapes])
+        alike = cKDTree(rows).query_pairs(ALIKE, output_type="ndarray")
+        pairs += [*zip(of_row, of_row[one][which.ravel()], strict=True), *of_row[one][alike]]
+    joined = coo_array((np.ones(len(pairs)), np.array(pairs).T), shape=(len(place), len(place)))
+    groups: dict[int, list[str]] = {}
+    for name, group in zip(place, connected_components(joined)[1], strict=True):
+        groups.setdefault(group, []).append(name)
+    return [group for group in groups.values() if len(group) > 1]
 
 
 def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
@@ -187,9 +246,10 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
 
 def checksum(path: Path, files: Path | str | None = None) -> str:
     """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others that it needs (materials,
-    textures, buffers) and they exist, that of the lines `<sha256>  <name>` of them all, the mesh first.
+    textures, buffers) and they exist, that of the lines `<sha256>` of them all, the mesh first, the others by name.
 
-    files: the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh file.
+    No name counts, so that copies have one checksum. files: the folder that these have to be in, as for
+    `palpate.named_files.find`. Empty for what can't be a mesh file.
     """
     if named_files.unusable(path):
         return ""
@@ -199,8 +259,8 @@ def checksum(path: Path, files: Path | str | None = None) -> str:
     own = size_and_sha256(path)[1]
     if not names:
         return own
-    lines = [f"{own}  {path.name}\n"] + [f"{size_and_sha256(path.parent / name)[1]}  {name}\n" for name in names]
-    return hashlib.sha256("".join(lines).encode()).hexdigest()
+    lines = [own, *(size_and_sha256(path.parent / name)[1] for name in names), ""]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def require_unchanged(path: Path, before: str, files: Path | str | None = None) -> None:

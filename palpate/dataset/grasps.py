@@ -7,12 +7,16 @@ from operator import index as integer
 import numpy as np
 
 from palpate.catalogue import CatalogueEntry
-from palpate.dataset.run import Run, shaded
+from palpate.dataset.run import Run, nearest, shaded
 from palpate.store.contract import CONTRACT, ArraySpec, arrays_by_name
 from palpate.store.files import StoreError
 
 # What a sensor reads at each frame: made of the stored depth.
 FRAMES_READING = replace(CONTRACT["touch"].arrays["reading"], shape=(*"ogfsrc", 3), meaning="Image of the gel")
+READING = replace(
+    CONTRACT["touch"].arrays["reading"],
+    meaning="Image of the gel; of a sensor that touched nothing (`success`) that of the untouched gel",
+)
 COLOURS = ("RGB", "sRGB")  # units of arrays whose last axis is the colour
 
 
@@ -52,7 +56,8 @@ class GraspDataset(Sequence):
             arrays = [name for name, (stage, spec) in known.items() if stage in stages and self._stored(stage, spec)]
         self.arrays = tuple(arrays)
         if unknown := [name for name in self.arrays if name not in known]:
-            raise KeyError(f"no array {', '.join(map(repr, unknown))} of grasps; there are {', '.join(known)}")
+            hint = nearest(unknown[0], known)
+            raise KeyError(f"no array {', '.join(map(repr, unknown))} of grasps; there are {', '.join(known)}{hint}")
         self.sources = {name: known[name] for name in self.arrays}
         pictures = {name: spec for name, (_, spec) in self.sources.items() if spec.dtype == "uint8"}
         self.images = {name: spec.unit in COLOURS for name, spec in pictures.items()}
@@ -61,6 +66,12 @@ class GraspDataset(Sequence):
         """Whether the first object has the array: optional ones may be missing."""
         name = "depth" if spec == FRAMES_READING else spec.name
         return self._run.has(stage) and name in self._run.store(stage, self._entries[0].batch)
+
+    def dimensions(self, name: str) -> tuple[str, ...]:
+        """Names of the axes of an array in an item."""
+        spec = self.sources[name][1]
+        names = spec.dimensions[1 + spec.of_grasps :]
+        return tuple(each for each in names if each != "camera" or self._camera is None)
 
     def __len__(self) -> int:
         return len(self._entries) * self._of_object
@@ -92,6 +103,7 @@ class GraspDataset(Sequence):
 def _named_arrays() -> dict[str, tuple[str, ArraySpec]]:
     """Stage and contract of each array, by its name in an item."""
     of_grasps, of_objects = arrays_by_name(of_grasps=True), arrays_by_name(of_grasps=False)
+    of_grasps |= {"reading": ("touch", READING)}
     of_frames = arrays_by_name(of_grasps=True, of_frames=True) | {"reading": ("frames", FRAMES_READING)}
     return {
         **of_grasps,

@@ -5,7 +5,6 @@ grasp = dataset["bottle-0007"].grasps[0]
 grasp.reading, grasp.success, grasp.points
 """
 
-import difflib
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -17,10 +16,10 @@ from palpate.camera import Camera
 from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.dataset.arrays import JoinedArray
 from palpate.dataset.grasps import GraspDataset
-from palpate.dataset.run import Run, shaded
+from palpate.dataset.run import Run, nearest, shaded
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
-from palpate.stages import DATASET_STAGES, RELEASED, STAGES
+from palpate.stages import DATASET_STAGES, DATASET_STORES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec, arrays_by_name
 from palpate.store.files import StoreError
 
@@ -44,7 +43,8 @@ class Dataset(Sequence):
         self._run = Run(run)
         self._required = tuple(stages)
         if unknown := sorted(set(self._required) - {RELEASED, *STAGES}):
-            raise ValueError(f"no stage {', '.join(unknown)}: expected some of {', '.join([RELEASED, *STAGES])}")
+            known = ", ".join([RELEASED, *STAGES])
+            raise ValueError(f"no stage {', '.join(unknown)}: expected some of {known}{nearest(unknown[0], STAGES)}")
         self._entries = self._run.usable(self._required)
 
     def _view(self, entries: Iterable[CatalogueEntry]) -> "Dataset":
@@ -90,14 +90,14 @@ class Dataset(Sequence):
     def split(self, name: str) -> "Dataset":
         """The objects of one split: train, validation or test; it may have none."""
         if name not in SPLITS:
-            raise KeyError(f"{name!r} is not one of {', '.join(SPLITS)}")
+            raise KeyError(f"{name!r} is not one of {', '.join(SPLITS)}{nearest(name, SPLITS)}")
         return self._view(entry for entry in self._entries.values() if entry.split == name)
 
     def of_class(self, name: str) -> "Dataset":
         """The objects of one class."""
         classes = {entry.class_name for entry in self._run.catalogue.values()}
         if name not in classes:
-            raise KeyError(f"{name!r} is not one of {', '.join(sorted(classes))}")
+            raise KeyError(f"{name!r} is not one of {', '.join(sorted(classes))}{nearest(name, classes)}")
         return self._view(entry for entry in self._entries.values() if entry.class_name == name)
 
     def select(self, objects: Iterable[str]) -> "Dataset":
@@ -109,7 +109,8 @@ class Dataset(Sequence):
             return self._entries[name]
         if name in self._run.rejected(self._required):
             raise KeyError(f"{name!r} was rejected; {self._run.folder / 'rejected.csv'} has the reason")
-        raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}{nearest(name, self._entries)}")
+        hint = nearest(name, self._entries) or f"; the first are {', '.join(self.objects[:5]) or 'none'}"
+        raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}{hint}")
 
     def _first_entry(self, purpose: str) -> CatalogueEntry:
         if not self._entries:
@@ -124,9 +125,10 @@ class Dataset(Sequence):
         stage or array, and if the array does not have a row an object.
         """
         if stage not in CONTRACT:
-            raise KeyError(f"no stage {stage!r} with arrays: expected one of {', '.join(CONTRACT)}")
+            known = ", ".join(CONTRACT) + nearest(stage, CONTRACT)
+            raise KeyError(f"no stage {stage!r} with arrays: expected one of {known}")
         if name not in CONTRACT[stage].arrays:
-            known = ", ".join(CONTRACT[stage].arrays)
+            known = ", ".join(CONTRACT[stage].arrays) + nearest(name, CONTRACT[stage].arrays)
             raise KeyError(f"{stage} has no array {name!r}: its arrays are {known}")
         spec = CONTRACT[stage].arrays[name]
         if not spec.of_objects:
@@ -159,6 +161,24 @@ class Dataset(Sequence):
         """
         chosen = self if split is None else self.split(split)
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
+
+    def digests(self, stages: Iterable[str] | None = None) -> dict[tuple[str, str], str]:
+        """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
+
+        stages: by default those that the run should have, of those that the objects must have come through. Raises
+        StoreError, with the command that builds it, if a store is missing.
+        """
+        if stages is None:
+            simulated = self.config.get("source", {}).get("kind") not in (None, RELEASED)  # None: nothing says so
+            stages = [
+                name
+                for name in filter(self._required.__contains__, DATASET_STORES)
+                if self._run.has(name)
+                or STAGES[name].is_asked(self.config)
+                and (simulated or not STAGES[name].simulated)
+            ]
+        batches = dict.fromkeys(entry.batch for entry in self._entries.values())
+        return {(name, batch): self._run.store(name, batch).digest for name in stages for batch in batches}
 
     def table(self) -> "pandas.DataFrame":
         """A row a grasp: object, class, split, batch, grasp, touches, and the object's row in `array`.
@@ -219,12 +239,6 @@ class Dataset(Sequence):
         classes = [entry.class_name for entry in self._entries.values()]
         counts = ", ".join(f"{name} {classes.count(name)}" for name in self.classes)
         return f"Dataset({str(self._run.folder)!r}: {len(self)} objects ({counts}); {', '.join(self.stages)})"
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the nearest known ones."""
-    close = difflib.get_close_matches(name, list(known), n=3)
-    return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
 class _Record:

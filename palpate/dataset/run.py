@@ -1,5 +1,6 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
+import difflib
 import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -13,7 +14,7 @@ from palpate import provenance
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue, sources_of
 from palpate.checksums import MANIFEST, DamagedFile, size_and_sha256
-from palpate.configuration import ConfigError, read_yaml
+from palpate.configuration import ConfigError, absolute, read_yaml
 from palpate.provenance import Made
 from palpate.rebuild_command import RECORD, rebuild_advice, rebuild_command
 from palpate.sensor import Sensor
@@ -57,6 +58,13 @@ class Run:
         except ConfigError as error:
             raise StoreError(str(error)) from None
         return found if isinstance(found, dict) else {}
+
+    @property
+    def sources(self) -> Path | None:
+        """The folder of the source files, by the config; None if it isn't there, as in a run that was moved."""
+        path = self.config.get("source", {}).get("path") or self.folder / "sources"
+        path = Path(absolute(path, Path(__file__).parents[2]))  # an editable install, of the workflow's folder
+        return path if path.is_dir() else None
 
     @cached_property
     def _values(self) -> dict[str, Any]:
@@ -222,6 +230,12 @@ class Run:
         name = next(name for name, array in CONTRACT[stage].arrays.items() if array.of_grasps)
         self.row(stage, entry)
         return self.store(stage, entry.batch).header(name)[0][1]
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: the nearest known ones."""
+    close = difflib.get_close_matches(name, list(known), n=3)
+    return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:

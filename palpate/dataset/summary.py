@@ -1,19 +1,20 @@
 """What a run holds, in lines for the terminal."""
 
+import contextlib
 import json
 import re
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from palpate.catalogue import SPLITS, CatalogueError, assign_split
+from palpate.catalogue import SPLITS, CatalogueError, Source, assign_split, copies, unread_lines
+from palpate.configuration import ConfigError
 from palpate.dataset.reader import Dataset
 from palpate.dataset.run import Run
 from palpate.mesh import FACTS
 
 MOST_REASONS = 3
-ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look like copies
 
 
 def summary(folder: Path | str) -> list[str]:
@@ -42,7 +43,7 @@ def summary(folder: Path | str) -> list[str]:
 
 
 def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
-    """Lines on missing textures, copies, objects that look like copies, and splits that were filled."""
+    """Lines on missing textures, copies, splits that were filled, and files that were passed over."""
     entries = run.catalogue
     facts = {name: each for batch in run.batches for name, each in _facts(run.folder / "meshes" / batch).items()}
     facts = {name: each for name, each in facts.items() if name in entries and name not in rejected}
@@ -50,41 +51,30 @@ def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
         f"{name} ({', '.join(f'{file[-60:]}: {problem}' for file, problem in each['problems'].items())})"
         for name, each in facts.items() if each["problems"]
     ])  # fmt: skip
-    groups = defaultdict(list)
-    for name, entry in entries.items():
-        groups[entry.checksum or name].append(name)
-    copies = [group for group in groups.values() if len(group) > 1]
-    apart = any(len({entries[name].split for name in group}) > 1 for group in copies)
-    place = "in different splits, as they are given" if apart else "in one split"
-    yield from _line(f"is there several times, {place}", f"are there several times, {place}", map(" = ".join, copies))
-    firsts = [name for group in groups.values() for name in group[:1] if name in facts]
-    alike = _alike(firsts, [facts[name]["shape"] for name in firsts])
-    yield from _line("looks like another", "look like others", alike)
+    checksums = {name: entry.checksum for name, entry in entries.items()}
+    groups = copies(checksums, {name: each["shape"] for name, each in facts.items()})
+    together: dict[str, list[str]] = {"in one split": [], "IN DIFFERENT SPLITS": []}
+    for group in groups:
+        same = len({checksums[name] or name for name in group}) == 1
+        place = [*together][len({entries[name].split for name in group}) > 1]
+        together[place].append((" = " if same else " ~ ").join(group[: MOST_REASONS + 1]))
+    for place, names in together.items():
+        what = f"there several times, {place} (= the same files, ~ the same shape)"
+        yield from _line(f"is {what}", f"are {what}", names)
     ratios = run.config.get("split")
     by_name = ratios and ratios.get("held_out") != "styles"
     if by_name and {assign_split(name, ratios) for name in entries} < {entry.split for entry in entries.values()}:
         yield "splits: names alone leave one empty, so objects are spread over all; with more objects, names decide"
+    with contextlib.suppress(ConfigError, KeyError):  # the config of an older version
+        project = Path(__file__).parents[2]  # an editable install, of the workflow's folder
+        yield from unread_lines(Source.from_config(run.config, project))
 
 
 def _facts(batch: Path) -> dict[str, dict[str, Any]]:
     try:
-        return json.loads((batch / FACTS).read_text())
+        return json.loads(batch.with_name(batch.name + FACTS).read_text())
     except (OSError, ValueError):  # not made yet, or damaged
         return {}
-
-
-def _alike(names: list[str], shapes: list[list[float]]) -> list[str]:
-    """Groups of objects with the same box and area, relative to their size."""
-    from scipy.spatial import cKDTree
-
-    group = dict(zip(names, names, strict=True))  # the first of those that an object is like
-    nearest = cKDTree(shapes).query(shapes, k=range(1, 9), distance_upper_bound=ALIKE)[1] if names else ()
-    for name, near in zip(names, nearest, strict=True):
-        group[name] = group[names[min(near)]]
-    groups = defaultdict(list)
-    for name, first in group.items():
-        groups[first].append(name)
-    return [" ~ ".join(group) for group in groups.values() if len(group) > 1]
 
 
 def _line(one: str, several: str, found: Iterable[str]) -> list[str]:

@@ -21,7 +21,7 @@ from palpate.dataset import checks
 from palpate.dataset.checks import CHECKS, CheckedObject, Measured
 from palpate.dataset.run import Run
 from palpate.hand import MAX_PENETRATION, Hand
-from palpate.rebuild_command import rebuild_advice
+from palpate.rebuild_command import rebuild_advice, rebuild_command
 from palpate.sensor import DIGIT, Sensor
 from palpate.stages import DATASET_STORES, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
@@ -335,7 +335,7 @@ def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Pa
         _of_run("tables", "run", (path.relative_to(run).as_posix() for path in checksums.changed(run))),
     ]
     if sources is not None:
-        of_run.append(_check_sources(catalogue, Path(sources)))
+        of_run.append(_check_sources(run, catalogue, Path(sources)))
     findings = [*of_run, *findings]
     groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in findings:
@@ -364,8 +364,8 @@ def _of_run(check: str, store: str, wrong: Iterable[str]) -> Finding:
     return Finding(check, store, "", "", ", ".join(wrong[:NAMED]), len(wrong), CHECKS[check].limit)
 
 
-def _check_sources(catalogue: list[CatalogueEntry], root: Path) -> Finding:
-    """Source files against the catalogue: Snakemake sees a change by its time only, and clocks can be wrong."""
+def _check_sources(run: Path, catalogue: list[CatalogueEntry], root: Path) -> Finding:
+    """Source files against the catalogue, by their checksums."""
 
     def same(entry: CatalogueEntry) -> bool:
         try:
@@ -373,4 +373,8 @@ def _check_sources(catalogue: list[CatalogueEntry], root: Path) -> Finding:
         except (CatalogueError, OSError):
             return False
 
-    return _of_run("sources", "catalogue", (entry.object for entry in catalogue if not same(entry)))
+    finding = _of_run("sources", "catalogue", (str(root / entry.source) for entry in catalogue if not same(entry)))
+    if finding.ok:
+        return finding
+    again = rebuild_command(run, "dataset")
+    return finding._replace(where=f"{finding.where}: not what the run was made from; put it back, or start {again}")

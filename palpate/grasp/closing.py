@@ -22,6 +22,7 @@ LEAST_TIMESTEP, LARGEST_TIMESTEP = 1e-5, 0.01
 # Largest kinetic energy of a hand at rest over the servos' work. With more its contacts chatter, or it swings; a finger
 # that slips off an edge has 0.2.
 SETTLED = 0.01
+ALL_BITS = {"contype": 2**31 - 1, "conaffinity": 2**31 - 1}  # of the object, which every colliding geom meets
 NO_WORK = 1e-6  # J: smaller work counts as this, as where the hand starts at its targets
 
 # By default the engine writes its warnings to a file in the working folder.
@@ -75,6 +76,7 @@ class GraspSimulation:
         self.ramp = np.minimum(1.0, np.arange(1, self.steps + 1) / (RAMP * self.steps))
         self._palm = self.model.body(hand.link_names[0]).id
         self._object = self.model.body("object").id
+        self._drivers = hand.drivers  # the joints that have a servo
         self._joints = slice(len(hand.joint_link))  # the hand's, in qpos
 
     def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
@@ -92,15 +94,17 @@ class GraspSimulation:
             name = patch_name(number)
             mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
-            body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1)
-        for geom in spec.geoms:
-            geom.solref = [2 * timestep, 1]
-            geom.solimp = SOLIMP
-            geom.margin = 0
+            body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1, **ALL_BITS)
+        for contact in (*spec.geoms, *spec.pairs):
+            contact.solref = [2 * timestep, 1]
+            contact.solimp = SOLIMP
+            contact.margin = 0
         # As stiff as contact: by the engine's default a pushed finger leaves its range by 1.4 degrees.
         for joint in spec.joints:
             joint.solref_limit = [2 * timestep, 1]
             joint.solimp_limit = SOLIMP
+        for equality in spec.equalities:
+            equality.solref, equality.solimp = [2 * timestep, 1], SOLIMP
         return spec
 
     def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
@@ -109,7 +113,7 @@ class GraspSimulation:
         self.model.body_pos[self._palm] = palm_pose[:3, 3]
         self.model.body_quat[self._palm] = quaternion(palm_pose[:3, :3])
         self.data.qpos[self._joints] = joint_positions
-        self.data.ctrl[:] = joint_positions
+        self.data.ctrl[:] = joint_positions[self._drivers]
         mujoco.mj_forward(self.model, self.data)
 
     @property
@@ -144,7 +148,7 @@ class GraspSimulation:
     def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
         """The state after each step of `close`; it is the simulation's own and changes with the next step."""
         model, data = self.model, self.data
-        start = data.qpos[self._joints].copy()
+        start, targets = data.qpos[self._joints][self._drivers], targets[self._drivers]
         for share in self.ramp:
             data.ctrl[:] = start + share * (targets - start)
             mujoco.mj_step(model, data)

@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from palpate.batch import UnusableObject
+from palpate.configuration import ConfigError
 from palpate.grasp.closing import TIMESTEP, GraspSimulation
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
@@ -64,8 +65,7 @@ class Grasper:
     ):  # fmt: skip
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
-        Raises ValueError for an open hand whose links penetrate each other, UnusableObject for an object without a
-        face.
+        Raises what `check_hand` does, and UnusableObject for an object without a face.
         """
         self.hand, self.max_penetration, self.thumb_share = hand, max_penetration, thumb_share
         self.workspace = workspace_of(hand)
@@ -76,12 +76,7 @@ class Grasper:
         self.simulation = GraspSimulation(hand, patches, timestep)
         self.omitted = omitted(hand, len(patches), len(visual.faces))
         self.check = PenetrationCheck(hand, visual)
-        depth = self.check.in_itself(hand.forward(np.eye(4), hand.open_joint_positions))
-        if depth > max(0.0, max_penetration):
-            raise ValueError(
-                f"hand {hand.name!r}: open, its links are {1e3 * depth:.1f} mm deep in each other, and no"
-                f" grasp may be deeper than {1e3 * max_penetration:g} mm: change `open`, or the geoms"
-            )
+        self.check.require_open(max_penetration)
         self.visual, self.sensor = visual, sensor
 
     @cached_property
@@ -133,6 +128,16 @@ class Grasper:
             if not self.simulation.in_contact() and not self.check.in_object(self.hand.forward(pose, open_hand)):
                 return pose
         return None
+
+
+def check_hand(hand: Hand, timestep: float = TIMESTEP, max_penetration: float = MAX_PENETRATION) -> None:
+    """Raises ConfigError, as a run should before its first object, for a hand or settings that no object can be grasped
+    with: an open hand whose links penetrate each other, or what can't be simulated."""
+    PenetrationCheck(hand).require_open(max_penetration)
+    try:
+        GraspSimulation(hand, [], timestep)
+    except ValueError as error:
+        raise ConfigError(f"hand {hand.name!r}: {error}") from None
 
 
 def grasp_object(

@@ -94,7 +94,7 @@ class HoldSimulation(GraspSimulation):
         model, data = self.model, self.data
         model.opt.gravity = gravity
         self.place(palm_pose, joint_positions)
-        data.ctrl[:] = targets
+        data.ctrl[:] = targets[self._drivers]
         start, farthest = data.xipos[self._object].copy(), 0.0
         for _ in range(round(duration / model.opt.timestep) + 1):  # after a step, `xipos` is still that before it
             mujoco.mj_step(model, data)

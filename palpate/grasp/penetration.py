@@ -6,6 +6,7 @@ from functools import lru_cache, partial
 import numpy as np
 import trimesh
 
+from palpate.configuration import ConfigError
 from palpate.grasp.patches import halved, lengths, split_long_edges
 from palpate.hand import Hand
 
@@ -42,18 +43,18 @@ class PenetrationCheck:
     none of their points can be inside.
     """
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh):
-        """mesh: the object's visual mesh, every face; it need not be closed."""
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh | None = None):
+        """mesh: the object's visual mesh, every face; it need not be closed. Without it there is no object."""
         self.hand = hand
-        self.triangles = split_long_edges(np.asarray(mesh.triangles, dtype=float), COARSE)
+        triangles = np.zeros((0, 3, 3)) if mesh is None else np.asarray(mesh.triangles, dtype=float)
+        self.triangles = split_long_edges(triangles, COARSE)
         corners = self.triangles.transpose(1, 2, 0).copy()  # along axes of length 3 numpy's minimum is slow
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
         self.geoms = np.flatnonzero(hand.geom_collides)
         self.surfaces = {geom: geom_surface(hand, geom) for geom in self.geoms}
         self.half = np.array([np.abs(surface).max(axis=(0, 1)) for surface in self.surfaces.values()])  # of their boxes
-        links = hand.geom_link[self.geoms]
-        may_collide = ~hand.adjacent_links()[links[:, None], links[None, :]]
-        self.pairs = self.geoms[np.argwhere(np.triu(may_collide, k=1))]  # (P, 2) of geoms on links that may collide
+        meets = hand.meets()[self.geoms[:, None], self.geoms]
+        self.pairs = self.geoms[np.argwhere(np.triu(meets, k=1))]  # (P, 2) of geoms that may collide
 
     def in_object(self, link_pose: np.ndarray) -> float:
         """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4).
@@ -76,13 +77,29 @@ class PenetrationCheck:
             found[mine] = self.hand.geom_distance(geom, points[mine], poses[geom])
         return found
 
-    def in_itself(self, link_pose: np.ndarray) -> float:
-        """Metres of the deepest point of a link's surface in another link, not joined to it; link_pose: (L, 4, 4)."""
+    def require_open(self, max_penetration: float) -> None:
+        """Raises ConfigError, naming the links, if the open hand is deeper in itself than metres."""
+        links = self.hand.forward(np.eye(4), self.hand.open_joint_positions)
+        if self.in_itself(links) <= max(0.0, max_penetration):
+            return
+        depth, pair = max((self.in_itself(links, pair[None]), tuple(pair)) for pair in self.pairs)
+        one, other = (self.hand.link_names[self.hand.geom_link[geom]] for geom in pair)
+        raise ConfigError(
+            f"hand {self.hand.name!r}: open, its links {one!r} and {other!r} are {1e3 * depth:.1f} mm deep in each"
+            f" other, and no grasp may be deeper than {1e3 * max_penetration:g} mm: change `open` or the geoms, or"
+            " exclude the pair in the model, `<contact><exclude>`"
+        )
+
+    def in_itself(self, link_pose: np.ndarray, pairs: np.ndarray | None = None) -> float:
+        """Metres of the deepest point of a link's surface in another that may collide with it.
+
+        link_pose: (L, 4, 4). pairs: (P, 2) of geoms; by default all that may collide.
+        """
         poses = self.hand.geom_poses(link_pose)
         surfaces = {
             geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()
         }
-        pairs = self.pairs[~self.separated(poses, surfaces)]
+        pairs = self.pairs[~self.separated(poses, surfaces)] if pairs is None else pairs
         pairs = np.concatenate([pairs, pairs[:, ::-1]])
         triangles = np.concatenate([np.zeros((0, 3, 3)), *(surfaces[inner] for inner in pairs[:, 0])])
         outer = np.repeat(pairs[:, 1], [len(surfaces[inner]) for inner in pairs[:, 0]])

@@ -58,8 +58,10 @@ class Workspace:
     def __init__(self, hand: Hand, rng: np.random.Generator):
         self.hand = hand
         self.contact_distance = hand.contact_distance()
-        self.moves = sensor_joints(hand)
-        self.configurations = rng.uniform(*hand.joint_range.T, (CONFIGURATIONS, len(hand.joint_link)))
+        self.chains = sensor_joints(hand)
+        # Also those that joints of the chain drive or follow: (s, J) bool.
+        self.moves = self.chains @ (hand.joint_driver[:, None] == hand.joint_driver)
+        self.configurations = hand.follow(rng.uniform(*hand.joint_range.T, (CONFIGURATIONS, len(hand.joint_link))))
         apex, direction = self.apex(hand.forward(np.eye(4), self.configurations))
         features = np.concatenate([apex, DIRECTION_LENGTH * direction], axis=-1)
         self.open_apex = self.apex(hand.forward(np.eye(4), hand.open_joint_positions))[0]
@@ -116,7 +118,7 @@ class Workspace:
             transposed = np.swapaxes(jacobian, -1, -2)
             square = jacobian @ transposed + damping[..., None, None] * np.eye(6)
             step = (transposed @ solve_positive_definite(square, error)[..., None])[..., 0]
-            tried = np.clip(joints + step.sum(axis=-2), low, high)
+            tried = self.hand.follow(np.clip(joints + step.sum(axis=-2), low, high))
             error_tried, jacobian_tried = self._linearised(tried, goal, inward)
             miss_tried = np.linalg.norm(error_tried, axis=-1)
             better = miss_tried < miss
@@ -132,10 +134,13 @@ class Workspace:
         pose = self.hand.forward(np.eye(4), joints)
         apex, direction = self.apex(pose)
         error = np.concatenate([goal - apex, DIRECTION_LENGTH * (inward - direction)], axis=-1)
-        return error, self.jacobian(pose, apex, direction)
+        jacobian = self.jacobian(pose, apex, direction)
+        if len(self.hand.drivers) < joints.shape[-1]:
+            jacobian = jacobian @ self.hand.follow_slopes(joints)[..., None, :, :]
+        return error, jacobian
 
     def jacobian(self, pose: np.ndarray, apex: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Derivatives (..., s, 6, J) of `solve`'s place and direction of each gel by the joints."""
+        """Derivatives (..., s, 6, J) of `solve`'s place and direction of each gel by the joints, each moved alone."""
         hand = self.hand
         frames = pose[..., hand.joint_link, :, :]
         axis = (frames[..., :3, :3] @ hand.joint_axis[:, :, None])[..., None, :, :, 0]  # (..., 1, J, 3)
@@ -143,7 +148,7 @@ class Workspace:
         slides = hand.joint_slides[:, None]
         turned = DIRECTION_LENGTH * np.cross(axis, direction[..., :, None, :])
         columns = np.concatenate([np.where(slides, axis, np.cross(axis, arm)), np.where(slides, 0, turned)], axis=-1)
-        return np.swapaxes(columns * self.moves[:, :, None], -1, -2)
+        return np.swapaxes(columns * self.chains[:, :, None], -1, -2)
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -164,7 +169,7 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
 
 
 def sensor_joints(hand: Hand) -> np.ndarray:
-    """Which joints move which sensor: (s, J) bool."""
+    """Which joints are between the palm and which sensor: (s, J) bool."""
     moves = np.zeros((len(hand.sensor_link), len(hand.joint_link)), dtype=bool)
     for sensor, link in enumerate(hand.sensor_link):
         while link >= 0:

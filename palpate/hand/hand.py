@@ -4,7 +4,7 @@ Nothing here knows an engine: touch simulation and renderer read the same `Hand`
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 
 import numpy as np
 
@@ -16,8 +16,9 @@ MAX_OUT_OF_RANGE = 0.001
 DURATION = 0.4  # s that a hand takes to close
 GEL_SEARCH = 0.05  # m in front of a sensor's origin searched for the surface of its link
 # Of `Hand`: attributes that are tuples; types of arrays that are not float, by the second word of their names.
-TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names")
-DTYPES = {"parent": int, "link": int, "slides": bool, "collides": bool, "thumb": bool}
+TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names", "joint_names")
+DTYPES = {"slides": bool, "collides": bool, "thumb": bool}
+DTYPES |= dict.fromkeys(("parent", "link", "driver", "contype", "conaffinity"), int)
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
 
@@ -57,8 +58,28 @@ class Hand:
     sensor_rotation: np.ndarray  # (s, 3, 3) in the link's frame; x out of the gel, y columns, z rows
     open_joint_positions: np.ndarray  # (J,)
     palm_anchor: np.ndarray  # (4, 4) in the palm frame: on the palm's face, x its outward normal, z to the fingers
+    # With defaults, which stores have that were made before these were kept.
+    joint_names: tuple[str, ...] = ()  # J, by default those of their links
+    joint_driver: np.ndarray | None = None  # (J,) int: the joint that it follows; itself, with a servo, by default
+    joint_coupling: np.ndarray | None = None  # (J, 5): its position by powers 0 to 4 of its driver's
+    geom_contype: np.ndarray | None = None  # (G,) int: which others it meets (`meets`); by default all that collide
+    geom_conaffinity: np.ndarray | None = None  # (G,) int
+    excluded_links: np.ndarray | None = None  # (P, 2) int: pairs that never collide, besides the adjacent
+    paired_geoms: np.ndarray | None = None  # (P, 2) int: pairs that collide whatever their links and bits
 
     def __post_init__(self) -> None:
+        count, collides = len(self.joint_link), np.asarray(self.geom_collides, dtype=int)
+        for name, default in {
+            "joint_names": tuple(self.link_names[link] for link in self.joint_link),
+            "joint_driver": np.arange(count),
+            "joint_coupling": np.tile([0.0, 1, 0, 0, 0], (count, 1)),
+            "geom_contype": collides,
+            "geom_conaffinity": collides,
+            "excluded_links": np.zeros((0, 2), dtype=int),
+            "paired_geoms": np.zeros((0, 2), dtype=int),
+        }.items():
+            if getattr(self, name) is None or name == "joint_names" and not self.joint_names:
+                object.__setattr__(self, name, default)
         if not len(self.sensor_link) or self.sensor_thumb.all():
             thumb = " but the thumb's" * bool(len(self.sensor_link))
             raise ValueError(
@@ -71,10 +92,11 @@ class Hand:
             raise ValueError(f"hand {self.name!r} has geoms of kind {sorted(unknown)}: use {', '.join(GEOM_KINDS)}")
         if not self.geom_collides.any():
             raise ValueError(f"hand {self.name!r} has no geom that collides: its fingers would pass through objects")
-        # Half spaces of mesh geoms, once: (P, 4) outward normal and offset, empty for the other kinds.
+        # Half spaces of colliding meshes, once: (P, 4) outward normal and offset, empty for other geoms.
+        meshes = self.geom_collides & (np.array(self.geom_kind) == "mesh")
         planes = tuple(
-            half_spaces(vertices) if kind == "mesh" else np.zeros((0, 4))
-            for kind, vertices in zip(self.geom_kind, self.geom_vertices, strict=True)
+            half_spaces(vertices) if mesh else np.zeros((0, 4))
+            for mesh, vertices in zip(meshes, self.geom_vertices, strict=True)
         )
         object.__setattr__(self, "geom_planes", planes)
         joint_of_link = np.full(len(self.link_names), -1)
@@ -87,17 +109,19 @@ class Hand:
             )
 
     @classmethod
-    def from_rows(cls, name: str, links, joints, geoms, sensors, open_joint_positions, palm_anchor) -> "Hand":
-        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order."""
+    def from_rows(cls, name: str, links, joints, geoms, sensors, open_joint_positions, palm_anchor, **others) -> "Hand":
+        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order; of joints and
+        geoms those with defaults may be left out. others: further attributes by their names."""
         values, names = {}, [field.name for field in fields(cls)]
         for group, rows in {"link": links, "joint": joints, "geom": geoms, "sensor": sensors}.items():
             group_names = [each for each in names if each.startswith(f"{group}_")]
-            values |= zip(group_names, zip(*rows, strict=True) if rows else [()] * len(group_names), strict=True)
+            values |= zip(group_names, zip(*rows, strict=True) if rows else [()] * len(group_names), strict=False)
         for each in names:
             if each in values and each not in TUPLES:
                 values[each] = np.array(values[each], dtype=DTYPES.get(each.split("_")[1], float))
         values["joint_range"] = values["joint_range"].reshape(-1, 2)
-        return cls(name, **values, open_joint_positions=np.array(open_joint_positions), palm_anchor=palm_anchor)
+        values |= {"open_joint_positions": np.array(open_joint_positions), "palm_anchor": palm_anchor, **others}
+        return cls(name, **values)
 
     def length(self) -> float:
         """Metres of the open hand's largest extent along an axis of the palm, by geoms' centres and sensors, or of a
@@ -143,6 +167,23 @@ class Hand:
                 pose[..., link, :3, 3] += joint_positions[..., joint, None] * (rotation @ self.joint_axis[joint])
         return pose
 
+    @property
+    def drivers(self) -> np.ndarray:
+        """Numbers of the joints that have a servo; the others follow them."""
+        return np.flatnonzero(self.joint_driver == np.arange(len(self.joint_link)))
+
+    def follow(self, joint_positions: np.ndarray) -> np.ndarray:
+        """Joint positions (..., J) with coupled joints where those that drive them put them."""
+        if len(self.drivers) == len(self.joint_link):
+            return joint_positions
+        return (self.joint_coupling * joint_positions[..., self.joint_driver, None] ** np.arange(5)).sum(axis=-1)
+
+    def follow_slopes(self, joint_positions: np.ndarray) -> np.ndarray:
+        """Derivatives (..., J, J) of `follow`: of each joint by each."""
+        powers = joint_positions[..., self.joint_driver, None] ** np.arange(4)
+        slope = (self.joint_coupling[:, 1:] * np.arange(1, 5) * powers).sum(axis=-1)
+        return slope[..., None] * (self.joint_driver[:, None] == np.arange(len(self.joint_link)))
+
     def sensor_frames(self, link_pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sensor positions (..., s, 3) and rotations (..., s, 3, 3), of link poses (..., L, 4, 4)."""
         pose = np.asarray(link_pose)[..., self.sensor_link, :, :]
@@ -179,7 +220,7 @@ class Hand:
         return nearest
 
     def adjacent_links(self) -> np.ndarray:
-        """Which links never collide with each other, (L, L) bool: rigidly joined, or one joint apart.
+        """Which links never collide with each other, (L, L) bool: rigidly joined, one joint apart, or `excluded_links`.
 
         Links without colliding geoms (the joints of a body with several hinges) don't count between others.
         """
@@ -200,7 +241,18 @@ class Hand:
             if before >= 0:
                 pair = (rigid == first)[:, None] & (rigid == rigid[before])[None, :]
                 adjacent |= pair | pair.T
+        one, other = self.excluded_links.T
+        adjacent[one, other] = adjacent[other, one] = True
         return adjacent
+
+    def meets(self) -> np.ndarray:
+        """Which geoms collide with each other, (G, G) bool: a bit of the contype of one is in the other's conaffinity,
+        as MuJoCo has it, and their links may collide, or they are `paired_geoms`."""
+        bits = (self.geom_contype[:, None] & self.geom_conaffinity) != 0
+        meets = (bits | bits.T) & ~self.adjacent_links()[self.geom_link[:, None], self.geom_link]
+        one, other = self.paired_geoms.T
+        meets[one, other] = meets[other, one] = True
+        return meets
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """The hand as named arrays (strings as bytes), such as HDF5 and Zarr store; see `from_arrays`."""
@@ -222,6 +274,8 @@ class Hand:
         """The hand of `to_arrays`; arrays: any mapping of array-likes (an HDF5 group); prefix: of the names in it."""
         values = {}
         for field in fields(cls):
+            if field.default is not MISSING and f"{prefix}{field.name}" not in arrays:
+                continue
             value = np.asarray(arrays[f"{prefix}{field.name}"][...])
             if field.name in ("geom_vertices", "geom_faces"):
                 ends = np.cumsum(np.asarray(arrays[f"{prefix}{field.name}_count"][...]))

@@ -2,6 +2,8 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -11,8 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from palpate.configuration import ConfigError, check, read_yaml
+from palpate.hand.couplings import Couplings
 from palpate.hand.hand import Hand, rotation_about
-from palpate.hand.model import MUJOCO_GEOM
+from palpate.hand.model import LEAST_INERTIA, LEAST_MASS, MUJOCO_GEOM
 from palpate.sensor import DIGIT, Sensor
 
 log = logging.getLogger(__name__)
@@ -21,8 +24,11 @@ SCHEMA = Path(__file__).with_name("schema.yaml")
 FURTHEST_TURN, NARROWEST_TURNS = 4 * np.pi, 0.1
 DEGREES = 'does `<compiler angle="..."/>` say degree or radian rightly?'
 OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
+CLOSED = 0.005  # m between the middles of two gels that face each other, which no open hand has
 ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
+OF_A_PAIR = 1 << 30
+MESH_FILES = ".stl", ".obj", ".msh"  # that MuJoCo reads
 GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
@@ -31,17 +37,18 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 
     sensors: a mapping, or a YAML file that holds one, with the keys that `schema.yaml` describes.
     gel_face: metres from the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are
-    omitted with a warning, for a grasp places the palm. Every other joint gets a servo and keeps its range.
+    omitted with a warning, for a grasp places the palm. Every other joint gets a servo, or follows one that has, and
+    keeps its range.
 
-    Raises `ConfigError`, naming the model file, for joints other than hinges and slides, coupled or unlimited joints,
-    degrees for radians, or a size that no hand has; naming the sensors' file, for a wrong key or name, and positions of
-    the open hand out of range.
+    Raises `ConfigError`, naming the model file, for joints other than hinges and slides, unlimited joints, couplings
+    that `Couplings` refuses, degrees for radians, or a size that no hand has; naming the sensors' file, for a wrong key
+    or name, and positions of the open hand out of range.
     """
     path, given = Path(path), isinstance(sensors, Mapping)
     named, description = (f"the sensors of {path}", sensors) if given else (str(sensors), read_yaml(sensors))
     check(description, SCHEMA, named)
     try:
-        return _Reader(mujoco.MjModel.from_xml_path(str(path)), path, named).hand(description, gel_face)
+        return _Reader(_compile(path), path, named).hand(description, gel_face)
     except ConfigError:
         raise
     except ValueError as error:
@@ -49,7 +56,8 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 
 
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
-    """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link."""
+    """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link, and
+    for gels that touch each other in the open hand."""
     hand, found = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face
@@ -58,13 +66,21 @@ def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[
         where += f", out of the range of {sensor.name}" * bool(distance > sensor.range)
         message = f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
         found += [message] * bool(abs(off) > ON_GEL)
+    position, rotation = hand.sensor_frames(hand.forward(np.eye(4), hand.open_joint_positions))
+    out = rotation[:, :, 0]
+    faces = position + sensor.gel_face * out
+    for one, other in combinations(range(len(faces)), 2):
+        apart = np.linalg.norm(faces[other] - faces[one])
+        if apart < CLOSED and out[one] @ out[other] < 0:
+            names = f"{hand.sensor_names[one]!r} and {hand.sensor_names[other]!r}"
+            found.append(f"{sensors}: the open hand is closed: gels {names} touch ({1e3 * apart:.0f} mm): give `open`")
     return found
 
 
 def model_files(path: Path | str) -> list[Path]:
-    """The existing files that a model file names, sorted: meshes, textures, included models; none if it can't be read.
+    """The existing files that a model file names, sorted: meshes, textures, included models.
 
-    Of a URDF its meshes, which MuJoCo looks up by name in the folder of the compiler element (the model's by default).
+    None if it can't be read.
     """
     path = Path(path)
     try:
@@ -73,11 +89,61 @@ def model_files(path: Path | str) -> list[Path]:
     except (mujoco.FatalError, ElementTree.ParseError, OSError):
         return []
     if root.tag == "robot":
-        folders = [element.get("meshdir", "") for element in root.iterfind("mujoco/compiler")] or [""]
+        meshdir = next((element.get("meshdir", "") for element in root.iterfind("mujoco/compiler")), "")
         names = [element.get("filename", "") for element in root.iter("mesh")]
-        for folder in folders:
-            files |= {path.parent / folder / tail for name in names for tail in (name, Path(name).name)}
+        files |= set(filter(None, (_urdf_mesh(path, meshdir, name) for name in names)))
     return sorted(file for file in files if file.is_file() and file != path)
+
+
+def _compile(path: Path) -> mujoco.MjModel:
+    """The model of a file. Of a URDF the root is a body, which MuJoCo alone makes part of the world, and meshes are
+    those that `_urdf_mesh` finds. Raises ConfigError for a file that is no model."""
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, OSError) as error:
+        raise ConfigError(f"{path}: can't be read as XML: {error}") from None
+    if root.tag == "mujocoinclude":
+        raise ConfigError(f"{path}: has no body of its own, but is a part of a model: give the file that includes it")
+    if any("xacro" in str(element.tag) for element in root.iter()):
+        raise ConfigError(f"{path}: is a template: expand it, `xacro {path.name} > hand.urdf`")
+    spec = _urdf(root, path) if root.tag == "robot" else mujoco.MjSpec.from_file(str(path))
+    # Masses play no part: what is wrong with them is no error.
+    spec.compiler.balanceinertia, spec.compiler.boundmass, spec.compiler.boundinertia = True, LEAST_MASS, LEAST_INERTIA
+    try:
+        return spec.compile()
+    except ValueError:
+        for mesh in spec.meshes:
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a flat one has no volume
+        return spec.compile()
+
+
+def _urdf(root: ElementTree.Element, path: Path) -> mujoco.MjSpec:
+    settings = root.find("mujoco/compiler")
+    if settings is None:
+        settings = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
+    hidden = settings.get("discardvisual", "true") == "true"  # by default only what collides is drawn
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            mesh = visual.find("geometry/mesh")
+            if hidden or (mesh is not None and Path(mesh.get("filename", "")).suffix.lower() not in MESH_FILES):
+                link.remove(visual)
+    for mesh in root.iter("mesh"):
+        file = _urdf_mesh(path, settings.get("meshdir", ""), mesh.get("filename", ""))
+        if file is None:
+            raise ConfigError(f"{path}: no mesh {mesh.get('filename')!r} here, in a folder above, or in the `meshdir`")
+        mesh.set("filename", str(file))
+    settings.attrib |= {"strippath": "false", "meshdir": "", "fusestatic": "false"}
+    return mujoco.MjSpec.from_string(ElementTree.tostring(root, "unicode"))
+
+
+def _urdf_mesh(path: Path, meshdir: str, name: str) -> Path | None:
+    """The file that a mesh's name in a URDF means: relative to the URDF, or below a folder above it (`package://`, with
+    or without the package's name), or by its last part in the compiler's folder."""
+    tail = Path(name.partition("://")[2] or name)
+    folders = [path.parent, *path.absolute().parents]
+    places = [folder / part for part in (tail, Path(*tail.parts[1:])) for folder in folders if part.parts]
+    places += [path.parent / meshdir / tail, path.parent / meshdir / tail.name]
+    return next((place.resolve() for place in places if place.is_file()), None)
 
 
 class _Reader:
@@ -86,25 +152,36 @@ class _Reader:
     def __init__(self, model: mujoco.MjModel, path: Path, source: str):
         """source: of the description of the sensors, for error messages."""
         self.model, self.path, self.source = model, path, source
-        if (model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
-            raise ValueError("joints coupled by an equality can't be read: each joint needs a servo of its own")
-        self.links, self.joints, self.reference = [], [], []
+        if model.nbody == 1:
+            raise ValueError("the model has no body: give the file that includes it, if it is a part of one")
+        self.links, self.joints, self.numbers = [], [], []
         self.link_of_body: dict[int, int] = {}
         self.origin_of_body: dict[int, np.ndarray] = {}  # the body frame's origin in its link's frame
 
     def hand(self, description: Mapping, gel_face: float) -> Hand:
         model = self.model
         palm = self._find("body", description["palm"]) if description.get("palm") else 1
+        if palm == 0 and not model.body_geomnum[0] and (model.body_parentid[1:] == 0).sum() == 1:
+            palm = 1  # a URDF's root link, which MuJoCo alone would make part of the world
         for joint in np.flatnonzero(model.jnt_bodyid == palm):
             kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
             log.warning("%s: the palm's %s joint is omitted: a grasp places the palm", self.path, kind)
-        self._add_link(model.body(palm).name or "palm", -1, np.zeros(3), np.eye(3))
+        self._add_link((palm and model.body(palm).name) or "palm", -1, np.zeros(3), np.eye(3))
         self.link_of_body[palm], self.origin_of_body[palm] = 0, np.zeros(3)
         for body in range(palm + 1, model.nbody):
             if model.body_parentid[body] in self.link_of_body:
                 self._add_body(body)
         geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in self.link_of_body]
+        solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
+        # Planes and fields of the world, and those that are drawn only, are no part of a hand.
+        bits = (model.geom_contype | model.geom_conaffinity) * model.geom_bodyid
+        geoms = [geom for geom in geoms if solid[geom] or bits[geom]]
         self._check_turns()
+        coupled = Couplings(model, self.numbers)
+        for joint, limits in zip(self.joints, coupled.range, strict=True):
+            if np.isnan(limits).any():
+                raise ValueError(f"joint {joint[4]!r} has no range: give it one")
+            joint[3] = limits
         given = description["sensors"]
         if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
             raise ConfigError(f"{self.source}: sensors: {twice[0]} is named twice")
@@ -114,16 +191,22 @@ class _Reader:
             raise ConfigError(
                 f"{self.source}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
             )
-        start, limits = self._open(description.get("open")), np.reshape([joint[3] for joint in self.joints], (-1, 2))
-        return Hand.from_rows(
+        if not self.joints:
+            raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
+        read = Hand.from_rows(
             self.path.stem,
             self.links,
             self.joints,
             [self._geom(geom) for geom in geoms],
             [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors],
-            np.clip(start, *limits.T),
+            np.clip(model.qpos0[model.jnt_qposadr[self.numbers]], *coupled.range.T),
             self._anchor(description, geoms),
+            joint_driver=coupled.driver,
+            joint_coupling=coupled.coefficients,
+            excluded_links=self._excluded(),
+            paired_geoms=self._paired(geoms),
         )
+        return replace(read, open_joint_positions=self._open(description.get("open"), read))
 
     def _find(self, kind: str, name: str) -> int:
         """The number of a body or a site that the description of the sensors names."""
@@ -136,29 +219,51 @@ class _Reader:
 
     def _check_turns(self) -> None:
         """Raises ValueError if hinges turn so far or so little that degrees and radians must have been confused."""
-        turns = [(self.links[link][0], *limits) for link, _, slides, limits in self.joints if not slides]
+        turns = [(name, *limits) for _, _, slides, limits, name in self.joints if not slides and limits.any()]
         for name, low, high in turns:
             if max(-low, high) > FURTHEST_TURN:
                 raise ValueError(f"the hinge of {name!r} turns from {low:g} to {high:g} rad: {DEGREES}")
         if turns and len(turns) == len(self.joints) and max(high - low for _, low, high in turns) < NARROWEST_TURNS:
             raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
 
-    def _open(self, given: Sequence[float] | None) -> np.ndarray:
-        """(J,) joint positions of the open hand."""
-        start = np.asarray(self.reference if given is None else given, dtype=float)
-        if start.shape != (len(self.joints),):
-            raise ConfigError(
-                f"{self.source}: `open` has {start.size} joint positions, the hand has {len(self.joints)} joints"
-            )
-        for position, (link, _, _, (low, high)) in zip(start, self.joints, strict=True):
-            if given is not None and not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
-                raise ConfigError(
-                    f"{self.source}: `open`: {position:g} is out of the range of {self.links[link][0]!r}, {low:g} to "
-                    f"{high:g}: give radians, of slides metres"
-                )
-        return start
+    def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
+        """(J,) joint positions of the open hand; those that are not given are at the reference, or follow."""
+        names, start = list(hand.joint_names), hand.open_joint_positions.copy()
+        if isinstance(given, Sequence) and len(given) != len(names):
+            counts = f"{len(given)} joint positions, the hand has {len(names)} joints"
+            raise ConfigError(f"{self.source}: `open` has {counts}: {', '.join(names)}")
+        given = dict(enumerate(given)) if isinstance(given, Sequence) else given or {}
+        if unknown := [joint for joint in given if isinstance(joint, str) and joint not in names]:
+            raise ConfigError(f"{self.source}: `open`: no joint {unknown[0]!r}, but {', '.join(names)}")
+        given = {names.index(joint) if isinstance(joint, str) else joint: value for joint, value in given.items()}
+        start[[*given]] = [*given.values()]
+        start = hand.follow(start)
+        for joint, position in given.items():
+            low, high = hand.joint_range[joint]
+            if not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
+                limits = f"{names[joint]!r}, {low:g} to {high:g}: give radians, of slides metres"
+                raise ConfigError(f"{self.source}: `open`: {position:g} is out of the range of {limits}")
+            if abs(start[joint] - position) > OPEN_TOLERANCE:
+                driver = names[hand.joint_driver[joint]]
+                followed = f"{names[joint]!r} follows {driver!r} to {start[joint]:.4g}, not {position:g}"
+                raise ConfigError(f"{self.source}: `open`: {followed}: give {driver!r} alone")
+        return hand.follow(np.clip(start, *hand.joint_range.T))
+
+    def _excluded(self) -> np.ndarray:
+        """(P, 2) pairs of links that the model says do not collide."""
+        bodies = np.stack([self.model.exclude_signature >> 16, self.model.exclude_signature & 0xFFFF], axis=-1)
+        of_hand = [pair for pair in bodies.tolist() if all(body in self.link_of_body for body in pair)]
+        return np.array([[self.link_of_body[body] for body in pair] for pair in of_hand], dtype=int).reshape(-1, 2)
+
+    def _paired(self, geoms: list[int]) -> np.ndarray:
+        """(P, 2) pairs of these geoms that the model says do collide."""
+        pairs = np.stack([self.model.pair_geom1, self.model.pair_geom2], axis=-1).tolist()
+        of_hand = [[geoms.index(geom) for geom in pair] for pair in pairs if set(pair) <= set(geoms)]
+        return np.array(of_hand, dtype=int).reshape(-1, 2)
 
     def _add_link(self, name: str, parent: int, position: np.ndarray, rotation: np.ndarray) -> int:
+        while name == "world" or any(name == link[0] for link in self.links):  # names of bodies of the simulation
+            name += "_"
         self.links.append((name, parent, position, rotation))
         return len(self.links) - 1
 
@@ -176,8 +281,6 @@ class _Reader:
             if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
                 raise ValueError(f"joint {model.joint(joint).name!r} is neither hinge nor slide: others can't be read")
             slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
-            if not model.jnt_limited[joint]:
-                raise ValueError(f"joint {model.joint(joint).name!r} has no range: give it one")
             anchor_now, axis = model.jnt_pos[joint].copy(), model.jnt_axis[joint].copy()
             reference = model.qpos0[model.jnt_qposadr[joint]]
             position = position + rotation @ (anchor_now - anchor)
@@ -187,8 +290,9 @@ class _Reader:
                 rotation = rotation @ rotation_about(axis, -reference)
             link_name = name if number == count - 1 else f"{name}_{number}"
             parent = self._add_link(link_name, parent, position, rotation)
-            self.joints.append((parent, axis, slides, model.jnt_range[joint].copy()))
-            self.reference.append(reference)
+            limits, joint_name = model.jnt_range[joint].copy(), model.joint(joint).name or link_name
+            self.joints.append([parent, axis, slides, limits, joint_name])
+            self.numbers.append(joint)
             position, rotation, anchor = np.zeros(3), np.eye(3), anchor_now
         self.link_of_body[body], self.origin_of_body[body] = parent, -anchor
 
@@ -209,10 +313,12 @@ class _Reader:
 
     def _anchor(self, description: Mapping, geoms: list[int]) -> np.ndarray:
         anchor = np.eye(4)
-        if description.get("anchor"):
-            _, link, anchor[:3, 3], anchor[:3, :3] = self._sensor({"site": description["anchor"]})
+        if given := description.get("anchor"):
+            name, link, anchor[:3, 3], anchor[:3, :3] = self._sensor(
+                {"site": given} if isinstance(given, str) else given
+            )
             if link != 0:
-                raise ConfigError(f"{self.source}: anchor {description['anchor']!r} is not a site of the palm's body")
+                raise ConfigError(f"{self.source}: anchor {name!r} is not on the palm's body")
             return anchor
         model, faces = self.model, [0.0]  # the largest x of each geom's bounding box in the palm's frame
         for geom in geoms:
@@ -238,9 +344,11 @@ class _Reader:
         position, rotation = self.origin_of_body[body] + model.geom_pos[geom], _rotation(model.geom_quat[geom])
         material = model.geom_matid[geom]
         colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        bits = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
+        if bits == (0, 0) and geom in {*model.pair_geom1, *model.pair_geom2}:
+            bits = OF_A_PAIR, 0  # it meets the object, but of the hand only its partner
         size, link = model.geom_size[geom], self.link_of_body[body]
-        return link, kind, size, position, rotation, colour, collides, vertices, faces
+        return link, kind, size, position, rotation, colour, bits != (0, 0), vertices, faces, *bits
 
 
 def _rotation(quaternions: np.ndarray) -> np.ndarray:

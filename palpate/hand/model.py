@@ -16,18 +16,21 @@ DAMPING = 0.01  # N m s / rad
 LARGEST_INERTIA = 1.5e-3
 # m, about a finger's length: a slide has a hinge's stiffness and masses over its square, and forces over it.
 ARM = 0.1
+LIMITED = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_TRUE
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7  # of links without a volume of their own (a second hinge of one body)
 
 
 def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
     """The hand as an `MjSpec`; bodies, joints and servos are named as their links.
 
-    The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations. `stiffness`: the
+    Joints without a servo follow their drivers by equalities. The palm is fixed to the world; its `pos` and `quat` in
+    the model may change between simulations. `stiffness`: the
     servos' gain in N m / rad (of slides / ARM^2, N / m), critically damped against the armature. Links have the density
     of water, or less where the servos couldn't stop them in time (`LARGEST_INERTIA`); a user's masses, gains and
     armature play no part.
 
-    Omitted are geoms that are only drawn, and contacts between joined links, whose boxes overlap at the hinge.
+    Omitted are geoms that are only drawn, and contacts between joined links, whose boxes overlap at the hinge, and
+    between those that the hand excludes. Geoms meet each other by their own bits.
     """
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
@@ -46,22 +49,37 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
                 type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
                 axis=hand.joint_axis[joint],
                 range=hand.joint_range[joint],
-                limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+                limited=LIMITED[int(hand.joint_driver[joint] == joint)],
                 armature=at_arm(ARMATURE, slides),
                 damping=[at_arm(DAMPING, slides), 0, 0],
             )
     for one, other in np.argwhere(np.triu(hand.adjacent_links(), k=1)):
         spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
-    for link, slides in zip(hand.joint_link, hand.joint_slides, strict=True):
-        joint = hand.link_names[link]
-        servo = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        # Critically damped against the armature.
-        servo.set_to_position(kp=at_arm(stiffness, slides), kv=at_arm(2 * np.sqrt(stiffness * ARMATURE), slides))
+    names = [hand.link_names[link] for link in hand.joint_link]
+    armature = np.where(hand.joint_slides, at_arm(ARMATURE, True), ARMATURE)
+    moved = hand.follow_slopes(hand.open_joint_positions) ** 2 * armature[:, None]
+    for joint in hand.drivers:
+        slides = hand.joint_slides[joint]
+        servo = spec.add_actuator(name=names[joint], target=names[joint], trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        # Critically damped against the armature, with that of joints that follow.
+        kp, share = at_arm(stiffness, slides), moved[:, joint].sum() / armature[joint]
+        servo.set_to_position(kp=kp, kv=at_arm(2 * np.sqrt(stiffness * ARMATURE), slides) * np.sqrt(share))
         servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         force = MAX_TORQUE / ARM if slides else MAX_TORQUE
         servo.forcerange = [-force, force]
+    for joint in np.setdiff1d(np.arange(len(names)), hand.drivers):
+        spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=names[joint],
+            name2=names[hand.joint_driver[joint]],
+            data=np.pad(hand.joint_coupling[joint], (0, mujoco.mjNEQDATA - 5)),
+        )
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
+    for pair in hand.paired_geoms:
+        one, other = (f"hand_geom_{geom}" for geom in pair)
+        spec.add_pair(geomname1=one, geomname2=other, condim=1)
     lighten(spec, hand.open_joint_positions)
     return spec
 
@@ -96,6 +114,8 @@ def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -
         pos=hand.geom_position[geom],
         quat=quaternion(hand.geom_rotation[geom]),
         condim=1,
+        contype=hand.geom_contype[geom],
+        conaffinity=hand.geom_conaffinity[geom],
         **mesh,
     )
 

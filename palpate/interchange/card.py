@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -10,17 +11,40 @@ from typing import Any
 
 import jinja2
 import yaml
+from packaging import licenses
 
 from palpate import __version__
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset, GraspDataset
+from palpate.dataset.run import nearest
 from palpate.dataset.summary import kind_of_reason
-from palpate.interchange.items import versions
+from palpate.hand import Hand
+from palpate.interchange.items import Place, versions
+from palpate.store.contract import FRAMES
 from palpate.store.files import StoreError
 
 TEMPLATE = Path(__file__).with_name("card.md.jinja")
 # Number of samples below which Hugging Face has a name, and that name.
 SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7: "1M<n<10M"}
+
+SPDX = "https://spdx.org/licenses/"
+
+
+def spdx(licence: str) -> str:
+    """A licence, or an expression of several, as SPDX writes it; `unknown` stays. Raises ValueError for other names."""
+    if licence == "unknown":
+        return licence
+    try:
+        return str(licenses.canonicalize_license_expression(licence))
+    except licenses.InvalidLicenseExpression:
+        hint = nearest(licence.lower(), licenses.LICENSES)
+        known = f"such as CC-BY-4.0 ({SPDX}), nor LicenseRef-<name>"
+        raise ValueError(f"{licence!r} is no licence of SPDX, {known}{hint}") from None
+
+
+def licence_url(licence: str) -> str:
+    """Where SPDX has the text of a licence of `spdx`; empty if it is none of its list: an expression, or `unknown`."""
+    return SPDX + licence if licence.lower() in licenses.LICENSES else ""
 
 
 def write_card(
@@ -28,20 +52,26 @@ def write_card(
     dataset: Dataset,
     splits: Mapping[str, GraspDataset],
     files: str,
-    names: Mapping[str, str],
+    layout: str,
+    places: Mapping[str, Place],
+    digests: Mapping[tuple[str, str], str],
     licence: str,
     source: str,
 ) -> None:
     """Write the card into an export's folder: its contents, how it was made, its checks and errors, its terms.
 
-    splits: the grasps that were written. files: pattern of a split's files. names: the layout's own, by arrays'.
-    licence: of the data, by Hugging Face's name; source: of the meshes, with their terms, as text: both verbatim. Names
-    and reasons, from meshes, are escaped. Raises StoreError for a damaged `last_run.json`.
+    splits: the grasps that were written. files: pattern of a split's files. layout: a key of
+    `palpate.interchange.FORMATS`; places: where it has the arrays. digests: of the stores that these are from, by stage
+    and batch. licence: as `spdx` returns it. source: of the meshes, with their terms, as text, verbatim. Names and
+    reasons, from meshes, are escaped. Raises StoreError for a damaged `last_run.json`.
     """
+    hand = dataset[0].hand if "grasps" in dataset.stages else None
     grasps, number, config = next(iter(splits.values())), sum(map(len, splits.values())), dataset.config
     data_files = [{"split": split, "path": files.format(split)} for split in splits]
+    url = licence_url(licence)
+    listed = url or licence == "unknown"  # by Hugging Face: SPDX's names in lower case, and no expressions
     header = {
-        "license": licence,
+        **({"license": licence.lower()} if listed else {"license": "other", "license_name": licence}),
         "pretty_name": f"Palpate run {dataset.name}",
         "size_categories": [next((name for limit, name in SIZES.items() if number < limit), "n>10M")],
         "tags": ["tactile", "vision", "robotics", "3d", "simulation", "palpate"],
@@ -53,16 +83,20 @@ def write_card(
     text = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         **{"header": yaml.safe_dump(header, sort_keys=False), "name": dataset.name, "version": __version__},
         **{"dataset": dataset, "number": number, "licence": licence, "source": source, "splits": list(SPLITS)},
+        **{"licence_url": url, "layout": layout, "places": places, "frames": FRAMES},
+        parts=os.listdir(path.parent),
         kind=config.get("source", {}).get("kind", "unknown"),
         counts=_counts(dataset),
         figures=sorted(each.name for each in path.parent.glob("figures/*.png")),
-        layout_names=names,
         versions=versions(dataset),
         commit=_commit(dataset.folder / "last_run.json"),
-        arrays=_arrays(grasps),
+        arrays=_arrays(grasps, places),
+        hand=hand,
+        joints=_joints(hand) if hand else [],
         rejections=_rejections(dataset),
         checks=checks,
         failed=sum(row["passed"] != "True" for row in checks),
+        unchecked=_unchecked(dataset, digests),
         config=yaml.safe_dump(_public(config), sort_keys=False),
     )
     path.write_text(text, encoding="utf-8")
@@ -107,12 +141,35 @@ def _counts(dataset: Dataset) -> list[list]:
     return [*rows, ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]]
 
 
-def _arrays(grasps: GraspDataset) -> list[list]:
+def _arrays(grasps: GraspDataset, places: Mapping[str, Place]) -> list[list]:
     item = grasps[0]
     return [
-        [f"`{name}`", item[name].shape, item[name].dtype, spec.unit, spec.meaning]
+        [f"`{name}`", item[name].shape, item[name].dtype, spec.unit, ", ".join(grasps.dimensions(name))]
+        + [places[name].text, spec.meaning.replace("`hand/", "`hand.json`'s `")]
         for name, (_, spec) in grasps.sources.items()
     ]
+
+
+def _joints(hand: Hand) -> list[list]:
+    """Number, name, link, the link that this is on, movement, range and unit, and the joint that it follows."""
+    rows, links, joints = [], [*map(escaped, hand.link_names)], [*map(escaped, hand.joint_names)]
+    for number, (link, driver) in enumerate(zip(hand.joint_link, hand.joint_driver, strict=True)):
+        how, unit = ("slides", "m") if hand.joint_slides[number] else ("turns", "rad")
+        low, high = hand.joint_range[number]
+        places = [links[link], links[hand.link_parent[link]], how, f"{low:.4g} to {high:.4g} {unit}"]
+        rows.append([number, joints[number], *places, "" if driver == number else joints[driver]])
+    return rows
+
+
+def _unchecked(dataset: Dataset, digests: Mapping[tuple[str, str], str]) -> list[str]:
+    """The stores, of these by stage and batch, that are not as they were when the run was validated."""
+    checked = {
+        (row["store"], batch, row["where"])
+        for batch in {batch for _, batch in digests}
+        for row in _rows(dataset.folder / f"reports/validation/{batch}.csv")
+        if row["check"] == "files"
+    }
+    return [f"{stage}/{batch}" for (stage, batch), digest in digests.items() if (stage, batch, digest) not in checked]
 
 
 def _rejections(dataset: Dataset) -> list[list]:

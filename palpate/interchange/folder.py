@@ -1,32 +1,49 @@
 """An export: samples in one of the layouts, and what every export has beside them (docs/export.md):
 
-objects.csv, meshes/<object>.glb, sensor.json, figures/*.png, README.md (the data card), croissant.json, SHA256SUMS
+objects.csv, meshes/<object>.glb, hand.json, sensor.json, empty_reading.png, cameras.json, figures/*.png,
+README.md (the data card), croissant.json, SHA256SUMS
 """
 
 import csv
 import json
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from palpate import checksums
 from palpate.atomic import atomic_write
-from palpate.dataset import Dataset
-from palpate.interchange.card import write_card
+from palpate.dataset import Dataset, ObjectRecord
+from palpate.hand import Hand
+from palpate.interchange import parquet, webdataset, zarr_groups
+from palpate.interchange.card import spdx, write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import CARD, grasps_by_split
-from palpate.interchange.parquet import write_parquet
-from palpate.interchange.webdataset import write_webdataset
+from palpate.interchange.items import CARD, grasps_by_split, png
 from palpate.mesh import mesh_file
-from palpate.store.contract import FRAMES, UNITS
+from palpate.store.contract import CONTRACT, FRAMES, UNITS
 from palpate.store.files import StoreError
 
-# By the names that the command has for them: what writes the samples, and the pattern of a split's files.
+# By the names that the command has for them: what writes the samples, where it puts arrays, and a split's files.
 FORMATS = {
-    "webdataset": (write_webdataset, "{}-*.tar"),
-    "parquet": (write_parquet, "{}/**"),
+    "webdataset": (webdataset.write_webdataset, webdataset.places, "{}-*.tar"),
+    "parquet": (parquet.write_parquet, parquet.places, "{}/**"),
+    "zarr": (zarr_groups.write_zarr_groups, zarr_groups.places, "{}.zarr/**"),
 }
+# Of hand.json, besides what `Hand` says of itself.
+FRAMES_OF_HAND = (
+    "Links and sensors are in the order of the arrays' axes, numbers of links from 0. Position and rotation of a link "
+    "are in its parent's frame, with all joints at 0; those of a geom or a sensor in its link's frame. A joint follows "
+    "its `joint_driver` by `joint_coupling`, factors of powers 0 to 4. `palm_anchor`: x its normal, z to the fingers."
+)
+# Of sensor.json.
+PIXELS = (
+    "in the sensor's frame y = ((column + 0.5) / columns - 0.5) width and z = ((row + 0.5) / rows - 0.5) height are a "
+    "pixel's centre; empty_reading.png is the image of the untouched gel"
+)
 
 
 def export(
@@ -40,18 +57,23 @@ def export(
     """Write the grasps of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
     number.
 
-    arrays: as for `Dataset.grasps`. licence, source: as for `write_card`. Raises StoreError without objects, or for
-    batches with different sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what
-    writing the samples raises.
+    folder: a new one, or an empty one. arrays: as for `Dataset.grasps`; without, all of the stages that the run should
+    have. licence: as for `spdx`. source: as for `write_card`. Raises FileExistsError for a folder that holds anything;
+    StoreError without objects, for a store that is missing, or for batches with different hands or sensors; KeyError
+    for an unknown array; DamagedFile for a missing or changed mesh; and what writing the samples raises.
     """
-    write, pattern = FORMATS[layout]
+    write, places_of, pattern = FORMATS[layout]
+    folder, licence = Path(folder), spdx(licence)
+    _require_new(folder)
     splits = grasps_by_split(dataset, arrays)
+    grasps = next(iter(splits.values()))
+    digests = dataset.digests(None if arrays is None else {stage: None for stage, _ in grasps.sources.values()})
+    places = places_of(grasps)
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
-    with atomic_write(Path(folder)) as partial:
+    with atomic_write(folder) as partial:
         partial.mkdir()
-        if "touch" in dataset.stages:
-            (partial / "sensor.json").write_text(json.dumps(_sensor(dataset), indent=1) + "\n")
+        _write_descriptions(partial, dataset)
         write(partial, splits)
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
@@ -59,12 +81,19 @@ def export(
         with ThreadPoolExecutor(2) as pool:
             found = pool.map(checksums.size_and_sha256, files)
             manifest = {path.relative_to(partial).as_posix(): each for path, each in zip(files, found, strict=True)}
-        write_croissant(partial / "croissant.json", dataset, splits, manifest, licence, source)
-        write_card(partial / CARD, dataset, splits, pattern, {}, licence, source)
+        write_croissant(partial / "croissant.json", dataset, splits, places, manifest, licence, source)
+        write_card(partial / CARD, dataset, splits, pattern, layout, places, digests, licence, source)
         manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
         (partial / "SHA256SUMS").write_text("".join(lines))
+        _require_new(folder)  # still
     return sum(map(len, splits.values()))
+
+
+def _require_new(folder: Path) -> None:
+    """Raise FileExistsError for a file, or a folder with anything in it: no one's data are replaced."""
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise FileExistsError(f"{folder} exists: name a new folder, or remove it")
 
 
 def _write_objects(folder: Path, dataset: Dataset) -> None:
@@ -90,12 +119,43 @@ def _copy_figures(folder: Path, dataset: Dataset) -> None:
         shutil.copyfile(figure, folder / "figures" / figure.name)
 
 
-def _sensor(dataset: Dataset) -> dict:
-    """The sensor of all batches. Raises StoreError if they have different ones."""
-    grasps = [record.grasps[0] for record in {record.batch: record for record in dataset}.values()]
-    (names, sensor), *others = [(list(grasp.sensors), grasp.sensor.description()) for grasp in grasps]
-    for number, other in enumerate(others, start=1):
-        if other != (names, sensor):
-            raise StoreError(f"{grasps[0]} and {grasps[number]} have different sensors: build the run from one config")
-    units = {"length": UNITS["length"], "lights.angles": "degree"}
-    return {"names": names, "sensor": sensor, "frame": FRAMES["sensor"], "units": units}
+def _write_descriptions(folder: Path, dataset: Dataset) -> None:
+    """Write hand, sensor, untouched reading and cameras, of the stages that there are. Raises StoreError if batches
+    have different hands or sensors."""
+    stages, records = dataset.stages, [*{record.batch: record for record in dataset}.values()]
+    first, *others = [_described(record, stages) for record in records]
+    for record, other in zip(records[1:], others, strict=True):
+        if different := [name for name in first if other[name] != first[name]]:
+            grasps = f"{records[0].grasps[0]} and {record.grasps[0]}"
+            raise StoreError(f"{grasps} have different {different[0]}s: build the run from one config")
+    for name, text in first.items():
+        (folder / f"{name}.json").write_text(text, encoding="utf-8")
+    if "touch" in stages:
+        (folder / "empty_reading.png").write_bytes(png(dataset.empty_reading))
+    if "vision" in stages:
+        about = {name: CONTRACT["vision"].arrays[name].meaning for name in ("intrinsics", "extrinsics")}
+        matrices = zip(*(dataset.load("vision", name).tolist() for name in about), strict=True)
+        cameras = [dict(zip(about, each, strict=True)) for each in matrices]  # of each object
+        objects = {record.name: each | record.drawn for record, each in zip(dataset, cameras, strict=True)}
+        size = dataset.array("vision", "unoccluded").shape[2]
+        stated = {"about": about, "frame": FRAMES["image"], "size": size, "objects": objects}
+        (folder / "cameras.json").write_text(_lines(stated), encoding="utf-8")
+
+
+def _described(record: ObjectRecord, stages: Iterable[str]) -> dict[str, str]:
+    """Content of sensor.json and hand.json by an object's grasps."""
+    found = {}
+    if "touch" in stages:
+        grasp, units = record.grasps[0], {"length": UNITS["length"], "lights.angles": "degree"}
+        stated = {"names": list(grasp.sensors), "sensor": grasp.sensor.description(), "frame": FRAMES["sensor"]}
+        found["sensor"] = json.dumps(stated | {"pixels": PIXELS, "units": units}, indent=1) + "\n"
+    if "grasps" in stages:
+        values = {each.name: getattr(record.hand, each.name) for each in fields(Hand)}
+        found["hand"] = _lines({"about": f"{' '.join(Hand.__doc__.split())} {FRAMES_OF_HAND}"} | values)
+    return found
+
+
+def _lines(values: Mapping[str, Any]) -> str:
+    """A JSON object with a line for each key; arrays become nested lists."""
+    lines = (f"{json.dumps(key)}: {json.dumps(value, default=np.ndarray.tolist)}" for key, value in values.items())
+    return "{\n" + ",\n".join(lines) + "\n}\n"

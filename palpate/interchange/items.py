@@ -5,6 +5,7 @@ import sys
 import zlib
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -16,6 +17,22 @@ from palpate.dataset import Dataset, GraspDataset
 CARD = "README.md"
 # Keys of an item of `GraspDataset` that are text.
 TEXT = ("object", "class", "split")
+
+
+class Place(NamedTuple):
+    """Where a layout keeps an array."""
+
+    text: str  # names there, in Markdown
+    files: str  # pattern of the files that hold it, and nothing else unless it is a column
+    shape: tuple[int, ...]  # of what a record has: of a column of file names, how many
+    column: str = ""
+
+
+def image_names(grasps: GraspDataset) -> dict[str, list[str]]:
+    """Names of the images that each array becomes, in the order of `pictures`; none if it is not of images."""
+    item = grasps[0]
+    named = {name: [*pictures(name, item[name], colours)] for name, colours in grasps.images.items()}
+    return {name: named.get(name, []) for name in grasps.sources}
 
 
 def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from palpate.dataset import GraspDataset
-from palpate.interchange.items import pictures, png, with_progress
+from palpate.interchange.items import Place, image_names, pictures, png, with_progress
 
 ROWS = 64  # grasps that are held in memory before they are written
 
@@ -53,6 +53,16 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                     rows, images = [], {}
             for each in running:
                 each.result()
+
+
+def places(grasps: GraspDataset) -> dict[str, Place]:
+    """The column of each array; of images, that of their files' names."""
+    item, found = grasps[0], {}
+    for name, images in image_names(grasps).items():
+        column = f"{name}_file_name{'s' * (images != [name])}" if images else name
+        shape = (len(images),) * (images != [name]) if images else item[name].shape
+        found[name] = Place(f"`{column}`", "*/metadata.parquet", shape, column)
+    return found
 
 
 def _row(item: dict, colours: dict[str, bool]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

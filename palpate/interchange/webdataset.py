@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.dataset import GraspDataset
-from palpate.interchange.items import TEXT, pictures, png, with_progress
+from palpate.interchange.items import TEXT, Place, image_names, pictures, png, with_progress
 
 SHARD_BYTES = 500_000_000  # of a tar file, after which the next one begins
 
@@ -43,6 +43,17 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                         tar.addfile(entry, io.BytesIO(content))
                         written += len(content)
                     table.writerow([split, f"{sample:08d}", item["object"], item["class"], item["grasp"]])
+
+
+def places(grasps: GraspDataset) -> dict[str, Place]:
+    """The names of each array's files in a sample."""
+    item, found = grasps[0], {}
+    for name, images in image_names(grasps).items():
+        files = [f"{each}.png" for each in images] or [f"{name}.npy"]
+        pattern = f"*.{name}.*.png" if images and images != [name] else f"*.{files[0]}"
+        text = " to ".join(f"`{each}`" for each in dict.fromkeys([files[0], files[-1]]))
+        found[name] = Place(text, pattern, item[name].shape)
+    return found
 
 
 def _entries(item: dict, images: dict[str, bool]) -> Iterable[tuple[str, bytes]]:

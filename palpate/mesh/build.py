@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from trimesh.visual.material import PBRMaterial
 
 from palpate.batch import UnusableObject
 from palpate.camera import rotation_about
@@ -21,6 +22,7 @@ UP = {
     "x": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
 }
 UNITS = (0.001, 0.01, 0.0254, 1.0)  # metres a unit, for messages: millimetre, centimetre, inch, metre
+WRAP_MODES = {"repeat": 10497, "clamp": 33071, "mirror": 33648}  # of a glTF sampler
 # Largest accepted rounding of a source's coordinates over its diagonal: 0.05 mm of 0.5 m, a third of a pixel of touch.
 COARSEST = 1e-4
 
@@ -30,7 +32,7 @@ def build(
 ) -> dict[str, Any]:
     """As `palpate.mesh.prepare`, in this process."""
     (parts, unit), problems = load(source, root)
-    vertices, faces, part = _joined(parts, source)
+    vertices, faces, part = joined(parts, source)
     rotation = rotation_about(2, np.radians(turn)) @ UP[up] if turn else UP[up]
     vertices = vertices @ rotation.T
     repaired = repair(vertices, faces, part)
@@ -49,9 +51,13 @@ def build(
     vertices, faces = vertices[used], faces.reshape(-1, 3)
 
     folder.mkdir(parents=True, exist_ok=True)
-    visual = trimesh.Scene([mesh for mesh in parts if len(mesh.faces)])
+    shown = [mesh for mesh in parts if len(mesh.faces)]
+    wraps = [mesh.metadata.pop("wrap", None) for mesh in shown]
+    for mesh, wrap in zip(shown, wraps, strict=True):
+        if wrap is not None:
+            mesh.visual.material = _Wrapped(mesh.visual.material, wrap)
     try:
-        glb = visual.export(file_type="glb")
+        glb = trimesh.Scene(shown).export(file_type="glb", tree_postprocessor=lambda tree: _complete(tree, wraps))
     except (OSError, SyntaxError) as error:  # PIL's: textures are decoded here, nothing is written yet
         raise UnusableObject(
             f"{source}: a texture can't be read ({type(error).__name__}: {error}): replace it, or remove it "
@@ -101,7 +107,7 @@ def size(source, extent, asked, unit):
     return diagonal, scale
 
 
-def _joined(parts, source):
+def joined(parts, source):
     """Vertices (n, 3), faces (f, 3) and the part's number (f,) of all parts together, all finite."""
     joined = trimesh.util.append_faces([mesh.vertices for mesh in parts], [mesh.faces for mesh in parts])
     vertices, faces = joined[0].astype(np.float64), joined[1].astype(np.int64)
@@ -157,6 +163,35 @@ def _rewrite(mesh, turn, centre, scale, keep, flip):
         normals = (normals @ turn.T)[used]
         against = np.einsum("ij,ij->i", normals, mesh.vertex_normals) < 0
         mesh.vertex_normals = np.where(against[:, None], -normals, normals)
+
+
+def _complete(tree, wraps):
+    """Write into the JSON of visual.glb what trimesh does not: how textures wrap, of each mesh, and light above 1."""
+    materials = tree.get("materials", [])
+    for material in materials:
+        if (strength := max(material.get("emissiveFactor", [0]))) > 1:
+            material["emissiveFactor"] = [light / strength for light in material["emissiveFactor"]]
+            material["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
+            tree["extensionsUsed"] = ["KHR_materials_emissive_strength"]
+    for mesh, wrap in zip(tree["meshes"], wraps, strict=True):
+        if wrap is not None:
+            sampler = {key: WRAP_MODES[mode] for key, mode in zip(("wrapS", "wrapT"), wrap, strict=True)}
+            samplers = tree.setdefault("samplers", [])
+            samplers += [sampler] if sampler not in samplers else []
+            material = materials[mesh["primitives"][0]["material"]]
+            for info in (*material.values(), *material["pbrMetallicRoughness"].values()):
+                if isinstance(info, dict) and "index" in info:  # trimesh has no texture of two materials
+                    tree["textures"][info["index"]]["sampler"] = samplers.index(sampler)
+
+
+class _Wrapped(PBRMaterial):
+    """A material that trimesh does not share with parts whose textures wrap in another way: it compares hashes."""
+
+    def __init__(self, material, wrap):
+        self._data, self.wrap = material._data, wrap
+
+    def __hash__(self):
+        return hash((super().__hash__(), self.wrap))
 
 
 def _describe(vertices, faces):

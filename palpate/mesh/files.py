@@ -5,6 +5,7 @@ import logging
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import PIL.Image
 
 from palpate import named_files
@@ -43,21 +44,41 @@ class Files:
             raise FileNotFoundError(f"{name}: {OUTSIDE if outside else MISSING}")
         return (self.path.parent / place).read_bytes()
 
-    def picture(self, name: str, data: bytes | None = None) -> PIL.Image.Image | None:
-        """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used."""
+    def picture(self, name: str, data: bytes | None = None, follows: str = GREY) -> PIL.Image.Image | None:
+        """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used.
+
+        Raises ValueError, or at its export what PIL does, for one that is cut off.
+        """
         try:
             data = self.read(name) if data is None else data
         except FileNotFoundError as error:
-            self.note(name, f"{str(error).removeprefix(f'{name}: ')}: {GREY}")
+            self.note(name, f"{str(error).removeprefix(f'{name}: ')}: {follows}")
             return None
         problem = problem_of(data)
         if problem:
-            self.note(name, f"{problem}: {GREY}")
+            self.note(name, f"{problem}: {follows}")
             return None
-        image = PIL.Image.open(io.BytesIO(data))
+        try:
+            return _eight_bit(PIL.Image.open(io.BytesIO(data)))
+        except (OSError, SyntaxError, ValueError) as error:  # PIL's
+            raise ValueError(f"a texture can't be read, {name} ({type(error).__name__}: {error})") from None
+
+
+def _eight_bit(image: PIL.Image.Image) -> PIL.Image.Image:
+    """A picture as glTF can have it: 8 bits of L, RGB or RGBA. A JPEG of these is written as it was.
+
+    Whole numbers of 16 or 32 bits are scaled to 8, and floats are clipped to 0..1.
+    """
+    if image.mode in ("L", "RGB", "RGBA") and "transparency" not in image.info:
         if image.format == "JPEG":
             image.save = partial(image.save, quality="keep")  # its own quantisation, not the writer's lower default
         return image
+    if image.mode[0] in "IF":
+        values = np.nan_to_num(np.asarray(image, dtype=float))
+        largest = 65535 if "16" in image.mode or values.max() <= 65535 else 2**31 - 1
+        values = np.clip(values / (1 if image.mode == "F" else largest), 0, 1)
+        return PIL.Image.fromarray(np.rint(255 * values).astype(np.uint8))
+    return image.convert("RGBA" if image.has_transparency_data else "L" if image.mode == "1" else "RGB")
 
 
 def problem_of(data: bytes) -> str | None:

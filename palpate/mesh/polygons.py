@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import manifold3d
 import numpy as np
 
-FLAT = 1e-9  # of the square of a polygon's size: a corner with a smaller sine is straight
+FLAT = 1e-9  # of the square of a polygon's longest spoke: twice the area of a triangle that counts as flat
+MOST_STARTS = 16  # corners of which a fan is tried: quicker than by ears
 
 
 def triangulate(vertices: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -13,21 +14,25 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, counts: np.ndarray) -
 
     vertices (n, 3); corners: vertex numbers of all polygons, one after the other; counts (p,): corners of each.
     Returns (t, 3) places in `corners`, so that other attributes of corners follow, and the polygon (t,) of each
-    triangle. Polygons of fewer than three corners have none. A convex one is a fan from its first corner; every corner
-    stays a corner of a triangle, so that what is closed stays closed.
+    triangle. Polygons of fewer than three corners have none. One is a fan from its first corner that sees all others,
+    a convex one from the very first; else ears are cut. Every corner stays a corner of a triangle, so that what
+    is closed stays closed.
     """
     counts = np.asarray(counts, dtype=np.int64)
     first = np.cumsum(counts) - counts
     triangles, owner = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
     for count in np.unique(counts[counts >= 3]):
         index = np.flatnonzero(counts == count)
-        place = first[index, None] + np.arange(count)  # (k, count)
         fan = np.stack([np.zeros(count - 2, np.int64), np.arange(1, count - 1), np.arange(2, count)], axis=1)
-        convex = np.ones(len(index), bool) if count == 3 else is_convex(vertices[corners[place]])
-        triangles.append((place[convex][:, fan]).reshape(-1, 3))
-        owner.append(np.repeat(index[convex], count - 2))
-        for polygon, at in zip(index[~convex], place[~convex], strict=True):
-            made = at[with_holes([vertices[corners[at]]])]
+        for start in range(min(count, MOST_STARTS) if count > 3 else 1):
+            place = first[index, None] + np.roll(np.arange(count), -start)  # (k, count)
+            sees = np.ones(len(index), bool) if count == 3 else _is_fan(vertices[corners[place]])
+            triangles.append(place[sees][:, fan].reshape(-1, 3))
+            owner.append(np.repeat(index[sees], count - 2))
+            index = index[~sees]
+        place = first[index, None] + np.arange(count)
+        for polygon, at, flat in zip(index, place, _flat(vertices[corners[place]]), strict=True):
+            made = at[np.asarray(manifold3d.triangulate([flat]), dtype=np.int64)]
             triangles.append(made)
             owner.append(np.full(len(made), polygon))
     triangles, owner = np.concatenate(triangles), np.concatenate(owner)
@@ -35,43 +40,43 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, counts: np.ndarray) -
     return triangles[order], owner[order]
 
 
-def is_convex(polygons: np.ndarray) -> np.ndarray:
-    """Which polygons (p, c, 3) are convex, (p,) bool: they turn to one side at each corner, once around in all."""
-    edge = np.roll(polygons, -1, axis=1) - polygons
-    turn = np.cross(edge, np.roll(edge, -1, axis=1))
-    normal = _normal(polygons)
-    size = np.square(edge).sum(axis=2).max(axis=1)
-    sine = np.einsum("pcx,px->pc", turn, normal)
-    # Once around: seen from the first corner, all others follow each other, too.
-    spoke = polygons[:, 1:] - polygons[:, :1]
-    fan = np.einsum("pcx,px->pc", np.cross(spoke[:, :-1], spoke[:, 1:]), normal)
-    return (np.concatenate([sine, fan], axis=1) > FLAT * size[:, None]).all(axis=1)
-
-
 def with_holes(rings: Sequence[np.ndarray]) -> np.ndarray:
     """Triangles (t, 3) of one polygon: its outline (n, 3), then its holes (m, 3), wound either way. They are numbers
     in all rings' corners together, and wound as the outline; each corner is one of some triangle."""
-    normal = _normal(rings[0][None])[0]
-    across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    across /= max(np.linalg.norm(across), 1e-300)
-    origin = rings[0][0]
-    axes = np.stack([across, np.cross(normal, across)], axis=1) / max(np.abs(rings[0] - origin).max(), 1e-300)
-    flat = [(ring - origin) @ axes for ring in rings]
-    first, numbers, sent = 0, [], []
-    for number, ring in enumerate(flat):
-        order = np.arange(len(ring))
-        if number and _area(ring) > 0:
-            order = order[::-1]
-        numbers.append(first + order)
-        sent.append(np.ascontiguousarray(ring[order]))
-        first += len(ring)
-    return np.concatenate(numbers)[np.asarray(manifold3d.triangulate(sent), dtype=np.int64).reshape(-1, 3)]
+    count = len(rings[0])
+    flat = _flat(np.concatenate(rings)[None], count)[0]
+    numbers = np.split(np.arange(len(flat)), np.cumsum([len(ring) for ring in rings])[:-1])
+    numbers = [ring[::-1] if k and _area(flat[ring]) > 0 else ring for k, ring in enumerate(numbers)]
+    made = manifold3d.triangulate([flat[ring] for ring in numbers])
+    return np.concatenate(numbers)[np.asarray(made, dtype=np.int64).reshape(-1, 3)]
+
+
+@np.errstate(invalid="ignore", over="ignore")  # vertices that are not finite are looked for later
+def _is_fan(polygons):
+    """Which polygons (p, c, 3) are a fan of triangles from their first corner that nowhere folds back, (p,) bool."""
+    spoke = polygons[:, 1:] - polygons[:, :1]
+    cross = np.cross(spoke[:, :-1], spoke[:, 1:])
+    area = np.einsum("pcx,px->pc", cross, _normal(polygons))
+    bend = np.einsum("pcx,pcx->pc", cross[:, :-1], cross[:, 1:])  # as Blender cuts quads that are not flat
+    return (area > FLAT * np.square(spoke).sum(axis=2).max(axis=1)[:, None]).all(axis=1) & (bend > 0).all(axis=1)
+
+
+@np.errstate(invalid="ignore", over="ignore")
+def _flat(polygons, count=None):
+    """Polygons (p, c, 3) in their planes (p, c, 2), counter-clockwise, of size 1; of `count` corners of an outline."""
+    outline = polygons[:, :count]
+    normal = _normal(outline)
+    across = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
+    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+    axes = np.stack([across, np.cross(normal, across)], axis=2)  # (p, 3, 2)
+    size = np.abs(outline - outline[:, :1]).max(axis=(1, 2), initial=1e-300)
+    return (polygons - outline[:, :1]) @ axes / size[:, None, None]
 
 
 def _normal(polygons):
     """Unit normals (p, 3) of polygons (p, c, 3), by Newell's method; 0 of those without an area."""
     corner = polygons - polygons[:, :1]
-    corner = corner / np.maximum(np.abs(corner).max(axis=(1, 2), keepdims=True), 1e-300)
+    corner = corner / np.maximum(np.abs(corner).max(axis=(1, 2), initial=0), 1e-300)[:, None, None]
     normal = np.cross(corner, np.roll(corner, -1, axis=1)).sum(axis=1)
     return normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
 

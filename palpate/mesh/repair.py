@@ -31,37 +31,41 @@ def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaire
     """Merge vertices, find faces to drop and faces to turn.
 
     vertices (n, 3); faces (f, 3); part (f,): the number of the part (material, object) each face belongs to.
-    A part's closed shells keep their vertices for themselves, so that solids which merely touch stay solids.
+    A part's closed shells keep their vertices for themselves, so that solids which merely touch stay solids. Of faces
+    with the same three vertices one is kept: the first that faces as the repaired surface does, else the first.
     """
     used = np.zeros(len(vertices), dtype=bool)
     used[faces] = True
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     tolerance = TOLERANCE * np.linalg.norm(high - low)
 
-    merged, first = _weld(vertices, faces, part, tolerance)
+    merged, first, behind = _weld(vertices, faces, part, tolerance)
     corners = vertices[first]
-    keep = ~_collapsed(merged)
-    collapsed = int((~keep).sum())
-    keep &= ~_doubled(vertices, faces, merged, keep, tolerance)
-    duplicate = len(keep) - collapsed - int(keep.sum())
+    flat = _collapsed(merged)
+    keep = ~flat & ~behind
+    doubled = _doubled(vertices, faces, merged, keep, tolerance)
+    keep &= ~doubled
     thin = _droppable(corners, merged, keep, tolerance)
     keep &= ~thin
     flip = np.zeros(len(faces), dtype=bool)
     if keep.any():
         flip[keep] = _turned(corners, merged[keep])
+    inner, outer = _outsides(merged, np.flatnonzero(keep & flip), np.flatnonzero(doubled))
+    keep[inner], keep[outer], flip[inner] = False, True, False
     merged = np.where(flip[:, None], merged[:, ::-1], merged)
     counts = {
         "stray_vertices_removed": int((~used).sum()),
         "vertices_merged": int(used.sum()) - len(first),
-        "duplicate_faces_removed": duplicate,
-        "zero_area_faces_removed": collapsed + int(thin.sum()),
+        "duplicate_faces_removed": int((doubled | behind).sum()),
+        "zero_area_faces_removed": int(flat.sum() + thin.sum()),
         "faces_turned": int(flip.sum()),
     }
     return Repaired(corners, merged, keep, flip, counts)
 
 
 def _weld(vertices, faces, part, tolerance):
-    """Faces (f, 3) in merged vertices, and the source vertex (m,) that each merged one stands for."""
+    """Faces (f, 3) in merged vertices, the source vertex (m,) that each merged one stands for, and faces (f,) bool of
+    shells that are the backs of others."""
     corner = faces.ravel()
     low = vertices[corner].min(axis=0)
     # Within the bounding box there are at most 1 / TOLERANCE = 2^20 cells an axis: three fit into 63 bits.
@@ -71,13 +75,54 @@ def _weld(vertices, faces, part, tolerance):
     own = np.unique(place * parts + np.repeat(part, 3), return_inverse=True)[1].reshape(-1, 3)
 
     proper = ~_collapsed(own)
-    solid = np.zeros(len(faces), dtype=bool)
+    owner, behind = np.zeros(len(faces), dtype=np.int64), np.zeros(len(faces), dtype=bool)
     if proper.any():
         shell = topology.shells(own[proper], int(own.max()) + 1)
-        solid[proper] = topology.closed_groups(own[proper], shell)[shell]
-    key = place * (parts + 1) + np.repeat(np.where(solid, part + 1, 0), 3)
+        closed = topology.closed_groups(own[proper], shell)
+        if parts > 1 and closed.any():
+            at = place.reshape(-1, 3)[proper]
+            back = _backs(vertices[faces[proper]], at, shell, closed)
+            behind[proper] = back[shell]
+            closed &= ~_shared(at, shell, closed, back)
+        owner[proper] = np.where(closed[shell], part[proper] + 1, 0)
+    key = place * (parts + 1) + np.repeat(owner, 3)
     _, first, merged = np.unique(key, return_index=True, return_inverse=True)
-    return merged.reshape(-1, 3), corner[first]
+    return merged.reshape(-1, 3), corner[first], behind
+
+
+def _backs(triangles, place, shell, closed):
+    """Closed shells (s,) bool that are where another is, for their backs' sake: of two the one that is inside out, of
+    equal ones the later. Their corners are at the same places and their areas equal, however they are triangulated.
+
+    triangles (f, 3, 3): corners of the faces; place (f, 3): the same, by number.
+    """
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.bincount(shell, np.linalg.norm(cross, axis=1))
+    volume = np.bincount(shell, np.einsum("ij,ij->i", triangles[:, 0] - triangles[0, 0], cross))
+    corner = np.unique(np.repeat(shell, 3) * (int(place.max()) + 1) + place.ravel())
+    corner_shell, corner = np.divmod(corner, int(place.max()) + 1)
+    start = np.searchsorted(corner_shell, np.arange(len(closed) + 1))
+    back, seen = np.zeros(len(closed), dtype=bool), {}
+    for number in np.flatnonzero(closed):
+        other = seen.setdefault(corner[start[number] : start[number + 1]].tobytes(), number)
+        if other != number and abs(area[other] - area[number]) < 1e-6 * area[number]:
+            out = volume[other] < 0 < volume[number]
+            back[other if out else number] = True
+            seen[corner[start[number] : start[number + 1]].tobytes()] = number if out else other
+    return back
+
+
+def _shared(place, shell, closed, back):
+    """Shells (s,) bool with a face where a shell has one that is open if they are closed, or closed if they are open:
+    one of the two faces is to go, so they are to be merged."""
+    order = np.lexsort(np.sort(place, axis=1).T)
+    order = order[~back[shell[order]]]
+    triple = np.sort(place, axis=1)[order]
+    one, other = shell[order[:-1]], shell[order[1:]]
+    mixed = (triple[1:] == triple[:-1]).all(axis=1) & (closed[one] != closed[other])
+    shared = np.zeros(len(closed), dtype=bool)
+    shared[one[mixed]] = shared[other[mixed]] = True
+    return shared
 
 
 def _collapsed(faces):
@@ -111,6 +156,16 @@ def _doubled(vertices, faces, merged, among, tolerance):
     closing &= _border(merged[without], shell[without], count) == 0
     doubled[folds] = closing[shell[folds]]
     return doubled
+
+
+def _outsides(merged, turned, doubled):
+    """Faces among those that were turned to which one of the doubled is opposite, and the first of these: it has been
+    facing out."""
+    rows = np.r_[merged[turned][:, ::-1], merged[doubled]]
+    from_least = (rows.argmin(axis=1)[:, None] + np.arange(3)) % 3
+    row = np.unique(np.take_along_axis(rows, from_least, axis=1), axis=0, return_inverse=True)[1].ravel()
+    _, one, other = np.intersect1d(row[: len(turned)], row[len(turned) :], return_indices=True)
+    return turned[one], doubled[other]
 
 
 def _folded(vertices, faces, merged, tolerance):

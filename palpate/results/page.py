@@ -1,5 +1,6 @@
 """What the figures share: their look, and files whose bytes depend on the data only."""
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 from PIL import Image
 
 DPI = 130
@@ -14,6 +16,7 @@ INK, FAINT, PALE = "#222222", "#777777", "#bdbdbd"
 # Okabe and Ito's colours (2008, Color Universal Design), apart for colour-blind readers too, and a grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000", "#808080")
 TITLE, LABEL = 11, 8.5  # points
+LINE = 0.17  # inches, of a line of either
 # Not the user's: a figure is the same everywhere. DejaVu Sans comes with matplotlib.
 STYLE = ["default", {"font.family": "DejaVu Sans", "text.color": INK, "axes.titlecolor": INK}]
 
@@ -29,17 +32,34 @@ def new_figure(width: float, height: float) -> Figure:
 
 def picture_grid(rows: Sequence[str], columns: Sequence[str], cell: float = 1.6) -> tuple[Figure, np.ndarray]:
     """A figure and its axes (rows, columns), without ticks and frames: a name left of each row, a title above each
-    column. cell: inches of a picture."""
-    figure = new_figure(cell * len(columns) + 0.3, cell * len(rows) + 0.4)
+    column, in lines no longer than a picture. cell: inches of a picture."""
+    labels, titles = [wrapped(name, cell, LABEL) for name in rows], [wrapped(name, cell, TITLE - 1) for name in columns]
+    figure = new_figure(
+        cell * len(columns) + 0.3 + LINE * (_most_breaks(labels) - _most_breaks(rows)),
+        cell * len(rows) + 0.4 + LINE * (_most_breaks(titles) - _most_breaks(columns)),
+    )
     figure.set_layout_engine("compressed")
     axes = figure.subplots(len(rows), len(columns), squeeze=False, subplot_kw={"xticks": [], "yticks": []})
     for panel in axes.flat:
         panel.spines[:].set_visible(False)
-    for panel, title in zip(axes[0], columns, strict=True):
+    for panel, title in zip(axes[0], titles, strict=True):
         panel.set_title(title, fontsize=TITLE - 1)
-    for panel, name in zip(axes[:, 0], rows, strict=True):
+    for panel, name in zip(axes[:, 0], labels, strict=True):
         panel.set_ylabel(name, fontsize=LABEL, color=FAINT)
     return figure, axes
+
+
+def _most_breaks(texts: Sequence[str]) -> int:
+    return max(text.count("\n") for text in texts)
+
+
+def wrapped(text: str, inches: float, size: float) -> str:
+    """A text in lines that are at most so wide, in points `size` of the figures' font."""
+    lines = []
+    for line in text.split("\n"):
+        width = TextPath((0, 0), line, size=size).get_extents().width / 72 if line.strip() else 0
+        lines += textwrap.wrap(line, max(1, int(len(line) * inches / width))) if width > inches else [line]
+    return "\n".join(lines)
 
 
 def save(figure: Figure, path: Path | str) -> None:
@@ -59,6 +79,7 @@ def figure_image(figure: Figure) -> Image.Image:
 @styled
 def save_sentence(sentence: str, path: Path | str) -> None:
     """A figure that only states which data are missing."""
-    figure = new_figure(5, 0.6)
+    sentence = wrapped(sentence, 4.6, TITLE)
+    figure = new_figure(5, 0.4 + 0.2 * len(sentence.splitlines()))
     figure.text(0.5, 0.5, sentence, ha="center", va="center", fontsize=TITLE)
     save(figure, path)

@@ -56,6 +56,7 @@ def write_zarr(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], at
             compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
             attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
+            dimension_names=array_spec.dimensions,  # which xarray opens it by
         )
         if array.size:
             target[...] = array

@@ -5,32 +5,38 @@ import json
 import os
 import re
 import shutil
+import unicodedata
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from PIL import Image, ImageOps
 
 from palpate.batch import UnusableObject
 from palpate.catalogue import (
+    PAPER_SPLIT,
     SPLITS,
     CatalogueEntry,
     CatalogueError,
     Source,
     all_classes,
+    assign_split,
     checksum,
+    class_counts,
     companions,
+    copies,
     file_name,
-    join_copies,
     scan,
     splits_of,
+    unread_lines,
 )
 from palpate.catalogue.object_table import read_object_table
 from palpate.configuration import ConfigError
 from palpate.mesh import prepare
-from tests.catalogue.test_sources import names, tree
+from tests.catalogue.test_sources import names, patterns_of_classes, tree
 from tests.catalogue.whole import whole_catalogue
 from tests.mesh.written import write
 
@@ -128,8 +134,10 @@ def test_a_flat_folder_has_a_pattern_too(tmp_path):
 def test_names_of_classes_in_files():
     assert file_name("coffee-mug") == "coffee-mug" and file_name("coffee mug") == "coffee_mug"
     assert file_name("чашка") != file_name("ложка")
-    for name in ("чашка", "it's", "a & b"):
+    for name in ("it's", "a & b"):
         assert file_name(name).isascii() and not set(file_name(name)) & set(" &'/")
+    assert file_name("чашка") == "чашка" and file_name("चम्मच") == "चम्मच"
+    assert len(file_name("杯" * 150).encode()) <= 200
 
 
 def test_the_up_axis_is_the_formats(tmp_path):
@@ -184,6 +192,11 @@ def test_classes_of_a_flat_folder_come_from_the_table(tmp_path):
         ("path,split\n../a.obj,test\n", "not below"),
         ("path,split\na.obj,test\n./a.obj,train\n", "line 3: there is a line for a.obj already"),
         ("path,class,split\n,mug,test\n", "line 2: the path is empty"),
+        ("path,up\na.obj,w\n", "line 2: up 'w': expected x, y, z, or nothing"),
+        ("path,scale\na.obj,mm\n", "line 2: scale 'mm': expected diagonal, keep, metres a unit"),
+        ("path,scale\na.obj,0\n", "line 2: scale '0'"),
+        ("path,scale\na.obj,1e99\n", "line 2: scale '1e99'"),
+        ("path,exclude\na.obj,perhaps\n", "line 2: exclude 'perhaps': expected yes, no, or nothing"),
     ],
 )
 def test_mistakes_in_a_table_name_file_line_and_remedy(tmp_path, text, says):
@@ -198,6 +211,8 @@ def test_mistakes_in_a_table_name_file_line_and_remedy(tmp_path, text, says):
 def test_a_table_that_is_none(tmp_path):
     with pytest.raises(ConfigError, match="No such file.*set source.objects"):
         read_object_table(tmp_path / "none.csv", tmp_path)
+    with pytest.raises(ConfigError, match="/dev/zero: no file, or over 256 MiB: set source.objects to a CSV file"):
+        read_object_table("/dev/zero", tmp_path)
     (tmp_path / "utf16.csv").write_text("path,split\n", encoding="utf-16")
     with pytest.raises(ConfigError, match="no CSV file in UTF-8"):
         read_object_table(tmp_path / "utf16.csv", tmp_path)
@@ -359,10 +374,143 @@ def test_a_file_whose_name_is_not_utf8_is_an_object_that_can_be_rejected(tmp_pat
         prepare(tmp_path / bad.source, tmp_path / "out")
 
 
+def copies_of(entries, shapes=None):
+    return copies({entry.object: entry.checksum for entry in entries}, shapes)
+
+
+def rows_of(*rows):
+    """Entries by name, given split and checksum."""
+    return [CatalogueEntry(name, "mug", split, "batch-0000", checksum=digest) for name, split, digest in rows]
+
+
 def test_copies_are_in_the_split_of_the_first():
-    rows = [("a", "train", "1"), ("b", "test", "2"), ("c", "test", "1"), ("d", "validation", "")]
-    entries = [CatalogueEntry(name, "mug", split, "batch-0000", checksum=digest) for name, split, digest in rows]
-    assert [entry.split for entry in join_copies(entries)] == ["train", "test", "train", "validation"]
+    """Of a hundred names that would be in all splits."""
+    names = [f"mug-{number}" for number in range(100)]
+    entries = rows_of(*((name, "", "1") for name in names), ("mug-x", "", ""), ("mug-y", "", "2"))
+    assert copies_of(entries) == [names]
+    splits = splits_of(entries, PAPER_SPLIT, groups=copies_of(entries))
+    assert {splits[name] for name in names} == {splits["mug-0"]}
+    assert len({assign_split(name) for name in names}) == 3
+
+
+def test_copies_follow_the_one_whose_split_is_given():
+    """And two with different splits of the user's stay where they are."""
+    entries = rows_of(("a", "", "1"), ("b", "test", "1"), ("c", "", "1"), ("d", "", "2"), ("e", "train", "2"))
+    splits = splits_of(entries, PAPER_SPLIT, groups=copies_of(entries))
+    assert splits == {"a": "test", "b": "test", "c": "test", "d": "train", "e": "train"}
+    entries = rows_of(("a", "", "1"), ("b", "test", "1"), ("c", "train", "1"))
+    splits = splits_of(entries, PAPER_SPLIT, groups=copies_of(entries))
+    assert splits == {"a": "test", "b": "test", "c": "train"}
+
+
+def test_what_looks_alike_is_a_copy():
+    """By box, in any order of its sides, and area; copies by checksum and by shape are one group. Also of very many."""
+    entries = rows_of(("a", "", "1"), ("b", "", "2"), ("c", "", "1"), ("d", "", "3"), ("e", "", "4"))
+    shapes = {"b": [0.5, 0.4, 0.3, 1], "c": [0.3, 0.5, 0.40005, 1], "d": [0.5, 0.4, 0.301, 1]}
+    assert copies_of(entries, shapes) == [["a", "b", "c"]]
+    many = {str(number): [0.5, 0.4, 0.3, 1 + 1e-6 * (number % 7)] for number in range(500)}
+    many |= {"other": [0.5, 0.4, 0.3, 1.1]}
+    assert [len(group) for group in copies(dict.fromkeys(many, ""), many)] == [500]
+
+
+def test_the_checksum_of_a_copy_does_not_depend_on_names(tmp_path):
+    """Of an OBJ with its material and texture, copied whole into folders of other names, and under another name."""
+    for folder in ("a", "b", "c"):
+        painted(tmp_path / folder)
+    (tmp_path / "c/textured.obj").rename(tmp_path / "c/other.obj")
+    digests = {checksum(tmp_path / f"{file}.obj") for file in ("a/textured", "b/textured", "c/other")}
+    assert len(digests) == 1
+    Image.new("RGB", (4, 4), (10, 10, 200)).save(tmp_path / "b/texture.png")
+    assert checksum(tmp_path / "b/textured.obj") not in digests
+
+
+@pytest.mark.parametrize(
+    ("files", "taken"),
+    [
+        ("mug/1/textured.obj mug/1/collision.obj mug/1/visual.ply", ["mug/1/textured.obj"]),
+        ("mug/1/nontextured.stl mug/1/textured.obj mug/2/model.obj", ["mug/1/textured.obj", "mug/2/model.obj"]),
+        ("mug/a.obj mug/a_collision.obj mug/a_vhacd.obj mug/a_low.stl mug/b.obj", ["mug/a.obj", "mug/b.obj"]),
+        ("mug/a.stl mug/a_textured.obj mug/aCollision_01.obj mug/aCollision_02.obj", ["mug/a_textured.obj"]),
+        ("mug/visual/a.dae mug/collision/a.stl mug/visual/b.dae", ["mug/visual/a.dae", "mug/visual/b.dae"]),
+        ("mug/1/red.obj mug/1/collision.obj mug/1/hull_2.stl", ["mug/1/red.obj"]),
+        ("mug/a_lod0.obj mug/a_lod1.obj mug/a_lod2.obj", ["mug/a_lod0.obj"]),
+        ("mug/a_low.obj mug/a_high.obj mug/model_1.obj mug/model_2.obj", 4),
+        ("mug/boat_hull.obj mug/boat_mast.obj mug/lens_convex.obj mug/lens_concave.obj", 4),
+    ],
+)
+def test_files_that_show_one_object_are_one_object(tmp_path, files, taken):
+    """Its textured file is taken, and a collision hull last."""
+    tree(tmp_path, *files.split())
+    entries = scan(source(tmp_path), {"mug": "all"})
+    assert len(entries) == taken if isinstance(taken, int) else [entry.source for entry in entries] == taken
+    assert sorted(file for entry in entries for file in (entry.source, *entry.others)) == sorted(files.split())
+
+
+def test_general_names_of_files_are_not_in_names_of_objects(tmp_path):
+    """But where the folder has other objects, or a name would be there twice."""
+    tree(tmp_path, "mug/003_can/textured.obj", "mug/a/meshes/model.obj", "mug/b/model.obj", "mug/b/other.obj")
+    tree(tmp_path, "mug/c/model.obj", "mug/c.obj", "mug/textured.obj")
+    found = {entry.source: entry.object for entry in scan(source(tmp_path), {"mug": "all"})}
+    assert found == {
+        "mug/003_can/textured.obj": "mug-003_can",
+        "mug/a/meshes/model.obj": "mug-a",
+        "mug/b/model.obj": "mug-b-model",
+        "mug/b/other.obj": "mug-b-other",
+        "mug/c.obj": "mug-c",
+        "mug/c/model.obj": "mug-c-model",
+        "mug/textured.obj": "mug-textured",
+    }
+
+
+@pytest.mark.parametrize("name", ["Škoda café", "चम्मच", "чашка", "マグカップ", "ถ้วย"])
+@pytest.mark.parametrize("form", ["NFC", "NFD"])
+def test_letters_of_other_scripts_are_kept(tmp_path, name, form):
+    """Folders and files as macOS writes them are those of the same names."""
+    written = unicodedata.normalize(form, name)
+    tree(tmp_path, f"{written}/{written} 1.obj", "mug/a.obj")
+    given, name = source(tmp_path), unicodedata.normalize("NFC", name)
+    assert set(all_classes(given)) == {name, "mug"}
+    for asked in (name, unicodedata.normalize("NFD", name)):
+        classes = class_counts({"classes": [{"class": asked, "objects": 1}]}, given)
+        (entry,) = scan(given, classes)
+        safe = name.replace(" ", "_")
+        assert entry.class_name == name and entry.object.startswith(f"{safe}-{safe}_1")
+        assert (tmp_path / entry.source).is_file()
+    schemas = [yaml.safe_load(path.read_text()) for path in Path("workflow/schemas").glob("c*.schema.yaml")]
+    assert all(re.search(pattern, asked) for pattern in patterns_of_classes(schemas))
+    (tmp_path / "objects.csv").write_text(f"path,split\n{unicodedata.normalize('NFC', written)},test\n")
+    assert scan(replace(given, objects=tmp_path / "objects.csv"), classes)[0].split == "test"
+
+
+def test_a_table_says_up_axis_and_scale_and_what_is_left_out(tmp_path):
+    """By object and by class, field by field; a file that is left out gives its place to another of its object."""
+    tree(tmp_path, "a/1.obj", "a/2.obj", "a/2.stl", "a/3.obj", "b/4.glb", "c/5.obj", "c/deep/6.obj")
+    (tmp_path / "objects.csv").write_text(
+        "path,up,scale,exclude\na,x,0.001,\na/1.obj,,keep,no\na/2.obj,,,yes\na/3.obj,,,X\nb,,diagonal,\nc,,,TRUE\n"
+    )
+    given = source(tmp_path, objects=tmp_path / "objects.csv", scale=0.01)
+    assert all_classes(given) == {"a": "all", "b": "all"}
+    entries = scan(given, {"a": "all", "b": "all"})
+    assert [(entry.source, entry.up, entry.scale) for entry in entries] == [
+        ("a/1.obj", "x", "keep"),
+        ("a/2.stl", "x", 0.001),
+        ("b/4.glb", "y", "diagonal"),
+    ]
+    with pytest.raises(CatalogueError, match="no mesh found for class c"):
+        scan(given, {"c": "all"})
+    (tmp_path / "objects.csv").write_text("path,exclude\nc,yes\nc/deep,no\n")
+    assert [entry.source for entry in scan(given, {"c": "all"})] == ["c/deep/6.obj"]
+
+
+def test_files_that_are_not_read_are_named(tmp_path):
+    case = Path("tests/cases/unread-formats-silent")
+    lines = unread_lines(source(case))
+    for said in ("1 STEP file passed over (parts/part.step): ", "1 FBX", "1 USD", "1 VRML"):
+        assert any(said in line for line in lines), lines
+    tree(tmp_path, *(f"mug/{number}.STP" for number in range(5)), "mug/.git/a.stp", "mug/a.obj")
+    (line,) = unread_lines(source(tmp_path))
+    assert line.startswith("5 STEP files passed over (mug/0.STP, mug/1.STP, mug/2.STP, ...): ")
+    assert unread_lines(Source("procedural", "")) == []
 
 
 def test_splits_of_few_objects_are_filled(tmp_path):
@@ -374,3 +522,18 @@ def test_splits_of_few_objects_are_filled(tmp_path):
         assert set(splits_of(entries, {"train": 1, "validation": 0, "test": 0}).values()) == {"train"}
         given = [entries[0]._replace(split="train"), *entries[1:]]
         assert set(splits_of(given, {"train": 10_000, "validation": 1, "test": 1}).values()) == {"train"}
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_of_few_objects_some_are_to_train(tmp_path, count):
+    """Whatever their names are; also if the user puts one of them into another split, and if some are copies."""
+    for number in range(20):
+        tree(tmp_path / str(number), *(f"mug/{number}-{i}.stl" for i in range(count)))
+        entries = scan(source(tmp_path / str(number)), {"mug": "all"})
+        splits = splits_of(entries, PAPER_SPLIT)
+        assert set(splits.values()) == set(SPLITS[:count])
+        groups = [[entry.object for entry in entries]] if count > 1 else []
+        assert set(splits_of(entries, PAPER_SPLIT, groups=groups).values()) == {"train"}
+        if count > 1:
+            given = [entries[0]._replace(split="test"), *entries[1:]]
+            assert "train" in splits_of(given, PAPER_SPLIT).values()

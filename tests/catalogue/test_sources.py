@@ -28,16 +28,16 @@ def test_what_is_repeated_here_agrees_with_its_origin():
     assert {suffix[1:] for suffix in MESH_SUFFIXES} == set(mesh.FORMATS)
     assert set(catalogue.UP_AXIS.values()) <= {"x", "y", "z", "format"}
     schemas = [yaml.safe_load(path.read_text()) for path in Path("workflow/schemas").glob("c*.schema.yaml")]
-    assert sorted(_patterns_of_classes(schemas)) == [f"^{sources.CLASS_NAME}$"] * 2
+    assert sorted(patterns_of_classes(schemas)) == [f"^{sources.CLASS_NAME}$"] * 2
 
 
-def _patterns_of_classes(schema):
+def patterns_of_classes(schema):
     if isinstance(schema, list):
-        return [pattern for each in schema for pattern in _patterns_of_classes(each)]
+        return [pattern for each in schema for pattern in patterns_of_classes(each)]
     if not isinstance(schema, dict):
         return []
     own = [schema["class"]["pattern"]] if isinstance(schema.get("class"), dict) else []
-    return own + _patterns_of_classes(list(schema.values()))
+    return own + patterns_of_classes(list(schema.values()))
 
 
 def test_procedural_needs_no_files(tmp_path):
@@ -116,7 +116,8 @@ def test_object_names_are_safe_and_differ(tmp_path):
     found = names(scan(Source("folder", tmp_path), {"mug": "all"}))
     assert len(set(found)) == 6
     assert "mug-a_b" in found
-    assert all(re.fullmatch(r"mug-[A-Za-z0-9_.-]+", name) for name in found)
+    assert all(re.fullmatch(r"mug-[\w.-]+", name) for name in found)
+    assert {"mug-杯子", "mug-瓶子"} < set(found)
 
 
 def test_all_classes(tmp_path):

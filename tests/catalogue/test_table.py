@@ -2,11 +2,14 @@
 
 import hashlib
 import json
+import os
 
 import pytest
 
-from palpate.catalogue import COLUMNS, CatalogueError, Source, checksum
+from palpate.catalogue import COLUMNS, CatalogueError, Source, build, checksum, scan, write_catalogue
 from palpate.catalogue.table import companions
+from palpate.dataset.run import Run
+from palpate.dataset.validation import combine_validation
 from tests.catalogue.whole import whole_catalogue
 from tests.mesh import nasty
 
@@ -82,3 +85,24 @@ def test_companions_of_gltf_and_collada(tmp_path):
     assert companions(tmp_path / "m.gltf") == ["a b.bin", "i.png"]
     assert companions(tmp_path / "m.dae") == ["i.png"]
     assert companions(tmp_path / "broken.gltf") == []
+
+
+def test_validation_names_a_source_that_has_changed_and_the_command(source):
+    """By its checksum, also if it is as large and as old as before; a run whose sources are not there has none."""
+    run = source.path.parent / "run"
+    run.mkdir()
+    entries = scan(source, {"mug": 4})
+    names = [entry.object for entry in entries]
+    rows = build(source.path, entries, dict.fromkeys(names, "train"), dict.fromkeys(names, "batch-0000"))
+    write_catalogue(run / "catalogue.csv", rows)
+    (run / "config.yaml").write_text(json.dumps({"source": {"path": str(source.path)}}))
+    assert combine_validation([], run, Run(run).sources).passed.all()
+    changed = source.path / "mug/2.obj"
+    times = changed.stat()
+    changed.write_text("v 9 0 0\n")
+    os.utime(changed, ns=(times.st_atime_ns, times.st_mtime_ns))
+    table = combine_validation([], run, Run(run).sources).set_index("check")
+    assert not table.passed["sources"] and str(changed) in table["where"]["sources"]
+    assert f"snakemake dataset --cores 2 --configfile {run}/config.yaml" in table["where"]["sources"]
+    (run / "config.yaml").write_text(json.dumps({"source": {"path": "/moved/away"}}))
+    assert Run(run).sources is None and combine_validation([], run, Run(run).sources).passed.all()

@@ -55,6 +55,16 @@ def test_nearest_is_the_nearest(n, m, seed, pairs, single):
             assert torch.equal(found, expected)
 
 
+@pytest.mark.parametrize(("dtype", "step"), [(torch.float32, 1e-5), (torch.float64, 1e-12)])
+def test_the_nearest_of_points_that_are_close_together_and_far_from_the_origin(dtype, step):
+    """Squares of coordinates, or single precision on the way, would round the differences off."""
+    points = 0.6 + step * torch.arange(64, dtype=torch.float64)[torch.randperm(64, generator=torch.manual_seed(0))]
+    points = torch.stack([points, points, points], dim=1).to(dtype)
+    order = torch.randperm(64, generator=torch.manual_seed(1))
+    for found in (nearest(points[order], points), nearest_in_blocks(points[order], points, 100)):
+        assert torch.equal(found, order)
+
+
 def test_coincident_points_and_grids():
     line = torch.linspace(-0.5, 0.5, 9)
     grid = torch.cartesian_prod(line, line, line)
@@ -150,3 +160,13 @@ def test_numbers_of_clouds_must_agree():
             search(one, two)
         with pytest.raises(ValueError, match="at least one"):
             search([], [])
+
+
+@pytest.mark.parametrize("first", [torch.float16, torch.float32])
+def test_squares_of_short_distances_in_half_precision_are_not_zero(first):
+    """Of 0.1 mm the square is 1e-8; the smallest number of float16 is 6e-8."""
+    query, points = torch.tensor([[1e-4, 0, 0]], dtype=first), torch.zeros(1, 3, dtype=torch.float16)
+    expected = query.double().square().sum().float()
+    for distance in (one_sided_distance([query], [points]), one_sided_distance([points], [query])):
+        assert distance.dtype == torch.float32
+        torch.testing.assert_close(distance[0], expected, rtol=1e-5, atol=0)

@@ -218,3 +218,20 @@ def test_no_other_store_is_opened_for_it(whole, monkeypatch):
             (whole / f"rejected/{stage}/{batch}.csv").write_text("".join(["object,stage,reason\n", *rows]))
     Dataset(whole, ["touch"]).load("touch", "depth")
     assert opened == [whole / CONTRACT["touch"].path(batch) for batch in BATCHES]
+
+
+@pytest.mark.parametrize("field", ["object", "checksum", "up", "scale", "turn"])
+def test_the_digest_of_sources_has_all_that_an_objects_meshes_depend_on(field):
+    """And nothing else: not its class, split or batch."""
+    entry = catalogue.CatalogueEntry("mug-1", "mug", "train", BATCH, "mug/1.obj", "ab" * 32, "z", "keep", turn="90")
+    assert catalogue.sources_of([entry]) != catalogue.sources_of([entry._replace(**{field: "y"})])
+    assert catalogue.sources_of([entry]) == catalogue.sources_of([entry._replace(split="test", batch="batch-0001")])
+    other = entry._replace(object="mug-2")
+    assert catalogue.sources_of([entry, other]) != catalogue.sources_of([other, entry])
+
+
+def test_values_that_say_how_or_where_are_none_of_what_a_store_was_made_from():
+    vision = {"size": 48, "device": "gpu", "exr": True, "cameras": {"count": 2, "device": "x"}}
+    assert provenance.by_path({"seed": 0, "vision": vision, "hand": {"mjcf": "a.xml"}}) == {
+        **{"seed": 0, "vision.size": 48, "vision.cameras.count": 2}
+    }

@@ -220,6 +220,18 @@ def test_wrong_names_list_the_right_ones(built):
     dataset = palpate.Dataset(built)
     with pytest.raises(KeyError, match="no stage 'tuch' with arrays: expected one of surface, grasps, touch"):
         dataset.array("tuch", "depth")
+    with pytest.raises(KeyError, match="'tain' is not one of train, validation, test; did you mean train"):
+        dataset.split("tain")
+    with pytest.raises(KeyError, match="'bal' is not one of ball, block; did you mean ball"):
+        dataset.of_class("bal")
+    with pytest.raises(KeyError, match="objects .*; the first are ball-0000, block-0000, ball-0002"):
+        dataset["x"]
+    with pytest.raises(KeyError, match="; did you mean depth"):
+        dataset.array("touch", "dept")
+    with pytest.raises(KeyError, match="no array 'dept' of grasps; .*; did you mean depth"):
+        dataset.grasps(arrays=["dept"])
+    with pytest.raises(ValueError, match="no stage viison: .*; did you mean vision"):
+        palpate.Dataset(built, stages=["viison"])
     with pytest.raises(KeyError, match="touch has no array 'color': its arrays are object, success, position"):
         dataset.load("touch", "color")
     with pytest.raises(KeyError, match="did you mean ball-0000"):

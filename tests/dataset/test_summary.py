@@ -2,6 +2,8 @@
 
 import csv
 import json
+import shutil
+from pathlib import Path
 
 from palpate import mesh
 from palpate.catalogue import COLUMNS
@@ -46,8 +48,8 @@ def run_of(tmp_path, objects, facts, config=""):
     with open(tmp_path / "catalogue.csv", "w", newline="") as file:
         rows = [(name, "mug", split, "batch-0000", "", checksum, *[""] * 5) for name, split, checksum in objects]
         csv.writer(file).writerows([COLUMNS, *rows])
-    (tmp_path / "meshes/batch-0000").mkdir(parents=True)
-    (tmp_path / "meshes/batch-0000" / mesh.FACTS).write_text(json.dumps(facts))
+    (tmp_path / "meshes").mkdir(parents=True)
+    (tmp_path / f"meshes/batch-0000{mesh.FACTS}").write_text(json.dumps(facts))
     (tmp_path / "config.yaml").write_text(config)
     return summary(tmp_path)[1:]
 
@@ -72,10 +74,21 @@ def test_copies_and_what_looks_like_one(tmp_path):
     facts["mug-c"] = {"problems": {}, "shape": [length + 4e-5 for length in shape]}
     facts["mug-d"] = {"problems": {}, "shape": [length + 4e-4 for length in shape]}
     facts["mug-e"] = facts["mug-f"] = {"problems": {}, "shape": [0.1, 0.2, 0.9, 1.0]}
+    what = "(= the same files, ~ the same shape)"
     assert run_of(tmp_path, objects, facts) == [
-        "1 object is there several times, in one split: mug-a = mug-b",
-        "2 objects look like others: mug-a ~ mug-c, mug-e ~ mug-f",
+        f"1 object is there several times, in one split {what}: mug-e ~ mug-f",
+        f"1 object is there several times, IN DIFFERENT SPLITS {what}: mug-a ~ mug-b ~ mug-c",
     ]
+    objects[2] = ("mug-c", "train", "2")
+    shutil.rmtree(tmp_path / "meshes")
+    assert run_of(tmp_path, objects[:4], {}) == [f"1 object is there several times, in one split {what}: mug-a = mug-b"]
+
+
+def test_files_that_were_passed_over_are_named(tmp_path):
+    source = f"{{kind: folder, path: {Path('tests/cases/unread-formats-silent').absolute()}}}"
+    lines = run_of(tmp_path, [("a", "train", "1")], {}, f"source: {source}\nresults: results\nrun: x\nclasses: all")
+    for said in ("STEP file passed over (parts/part.step)", "FBX", "USD", "VRML"):
+        assert any(said in line for line in lines), lines
 
 
 def test_splits_that_were_filled_are_said(tmp_path):

@@ -1,5 +1,7 @@
 """Frames of closings: they end at the grasps, bit for bit, and lie on the way of a simulation of every step."""
 
+from fractions import Fraction
+
 import mujoco
 import numpy as np
 import pytest
@@ -93,6 +95,20 @@ def test_moments_are_evenly_in_time():
     assert np.ptp(np.diff(frame_steps(20, 100))) <= 1 and frame_steps(101, 100).tolist() == list(range(101))
     with pytest.raises(ValueError, match="at most 101"):
         frame_steps(102, 100)
+
+
+def test_times_are_those_of_the_time_step():
+    settings = {"timestep": 0.008, "thumb_share": 1.0}
+    kept = vars(grasp_object(MESH, MESH, POINTS, HAND, generator(0, "box"), per_object=1, attempts=1, **settings))
+    made = Grasper(MESH, MESH, POINTS - OBJECT_POSITION, HAND, **settings)
+    time = closing_frames(made, kept, generator(0, "box"), 3)["time"]
+    np.testing.assert_allclose(time, [[0, 0.008 * round(made.simulation.steps / 2), 0.008 * made.simulation.steps]])
+
+
+@pytest.mark.parametrize(("count", "steps"), [(20, 100), (8, 375), (3, 5), (101, 150)])
+def test_a_moment_is_at_the_step_nearest_to_it(count, steps):
+    exact = [Fraction(steps * number, count - 1) for number in range(count)]
+    assert max(abs(step - at) for step, at in zip(frame_steps(count, steps).tolist(), exact, strict=True)) <= 0.5
 
 
 def test_grasps_that_closing_again_does_not_give_are_an_error(kept):

@@ -240,7 +240,9 @@ def fist(deep):
 
 
 def test_a_hand_that_is_in_itself_when_open_is_an_error_and_not_one_of_the_object():
-    with pytest.raises(ValueError, match="hand 'allegro': open, its links are 1.* mm deep in each other"):
+    with pytest.raises(
+        ValueError, match="hand 'allegro': open, its links 'index_tip' and 'middle_tip' are 1.* mm deep in each other"
+    ):
         grasps_of(bottle(), hand=fist(deep=True))
     assert len(grasps_of(bottle(), hand=fist(deep=False), per_object=1, attempts=1).touches) == 1
 

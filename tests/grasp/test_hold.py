@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from palpate.batch import generator
 from palpate.checksums import DamagedFile
@@ -69,6 +70,18 @@ def test_mass_and_inertia_of_a_box():
     np.testing.assert_allclose(sorted(model.body("object").inertia), sorted(moments), rtol=1e-6)
 
 
+def test_the_engine_has_the_inertia_of_an_askew_body():
+    """Principal moments and axes, put together again: all six numbers of the matrix, each another one."""
+    askew = BOX.copy().apply_transform(trimesh.transformations.euler_matrix(0.3, 0.5, 0.9))
+    body = body_of(askew, 500.0)
+    model = HoldSimulation(GRIPPER, surface_patches(askew), body, 1.0, TIMESTEP).model
+    rotation = Rotation.from_quat(np.roll(model.body("object").iquat, -1)).as_matrix()  # MuJoCo has w first
+    inertia = rotation @ np.diag(model.body("object").inertia) @ rotation.T
+    numbers = np.abs(inertia[np.triu_indices(3)])
+    assert np.diff(np.sort(numbers)).min() > 0.02 * numbers.max()
+    np.testing.assert_allclose(inertia, body.inertia, atol=1e-6 * numbers.max())
+
+
 def test_an_open_mesh_has_the_volume_of_its_hull_and_a_sheet_that_of_its_thickness():
     open_box = trimesh.Trimesh(BOX.vertices, BOX.faces[2:], process=False)
     body = body_of(open_box, 1.0)
@@ -101,6 +114,7 @@ def test_labels_follow_from_what_moved(kept):
     np.testing.assert_array_equal(found["held_along"], found["moved"] <= 0.02)
     np.testing.assert_array_equal(found["held"], found["held_along"].all(axis=1))
     assert {0, 1} == {*found["held_along"].flat}
+    assert found["mass"] == pytest.approx(KEYS["density"] * BAR.volume) and found["solid"]
     again = held(kept)
     for name, values in found.items():
         np.testing.assert_array_equal(again[name], values)

@@ -7,13 +7,18 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
 from palpate.configuration import ConfigError
-from palpate.hand import allegro, check_files, from_mjcf, model_files
+from palpate.grasp import check_hand, grasp_object
+from palpate.grasp.closing import GraspSimulation
+from palpate.hand import Hand, allegro, check_files, from_mjcf, model_files
 from palpate.hand.model import build_spec
+from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT, load
 
+CASES = Path(__file__).parents[1] / "cases"
 _spec = importlib.util.spec_from_file_location("grippers", Path(__file__).with_name("grippers.py"))
 grippers = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(grippers)
@@ -124,7 +129,12 @@ def test_the_allegro_survives_the_way_through_a_file(tmp_path):
             "'right_curl' is neither hinge nor slide",
         ),
         ('name="right_bend"', 'name="right_bend" limited="false"', "'right_bend' has no range"),
-        ("</worldbody>", '</worldbody><equality><joint joint1="left_turn" joint2="left_bend"/></equality>', "coupled"),
+        ("</worldbody>", '</worldbody><equality><joint joint1="left_turn"/></equality>', "joint 0 fixes .*'left_turn'"),
+        (
+            "</worldbody>",
+            '</worldbody><equality><connect body1="left_end" body2="world" anchor="0 0 0"/></equality>',
+            "connect 0 ties the hand to what is not below its palm",
+        ),
     ],
 )
 def test_what_cannot_be_read_is_named_with_the_file(model_file, old, new, message):
@@ -183,16 +193,20 @@ def test_files_that_a_model_names_are_found(tmp_path):
     [
         ({"sensors": [{"site": "lef_low"}]}, "gripper.xml has no site 'lef_low', but face, left_low, left_high"),
         ({"palm": "plam"}, "gripper.xml has no body 'plam', but world, palm, left"),
-        ({"anchor": "left_low"}, "anchor 'left_low' is not a site of the palm's body"),
+        ({"anchor": "left_low"}, "anchor 'left_low' is not on the palm's body"),
         ({"sensor": []}, "sensor: unknown key; did you mean 'sensors'?"),
         ({"sensors": [{"site": "face", "colour": 1}]}, "sensors.0.colour: unknown key"),
         ({"sensors": [{"site": "left_low"}] * 2}, "{'site': 'left_low'} is named twice"),
         ({"sensors": [{"site": "left_low", "body": "palm"}]}, "expected a site, or a body with a position"),
         ({"sensors": [{"position": [0, 0, 0]}]}, "expected a site, or a body with a position"),
         ({"sensors": [{"body": "left_end", "rotation": [0, 90, 0]}]}, "give radians, not degrees"),
-        ({"open": [0, 45, 0, 0, 0]}, "45 is out of the range of 'left', -0.26.* to 1.57"),
+        ({"open": [0, 45, 0, 0, 0]}, "45 is out of the range of 'left_bend', -0.26.* to 1.57"),
         ({"open": [0, 0]}, "`open` has 2 joint positions, the hand has 5 joints"),
         ({"palm": "left_end", "anchor": None}, "'right_end' is not on the hand"),
+        (
+            {"palm": "left_end", "anchor": None, "sensors": [{"site": "left_high"}]},
+            "no joint is below the palm, 'left_end': name another `palm`",
+        ),
     ],
 )
 def test_mistakes_in_the_file_of_the_sensors_name_it(model_file, tmp_path, changed, message):
@@ -247,3 +261,180 @@ def test_a_gel_that_is_not_on_its_link_is_named(model_file, tmp_path):
         (tmp_path / "hand.xml").write_text(text.replace(site, changed))
         (found,) = check_files(tmp_path / "hand.xml", shipped[1], DIGIT)
         assert found.startswith(str(shipped[1])) and re.search(message, found), found
+
+
+def contacts_at_rest(model):
+    """Pairs of geoms, by their numbers, that MuJoCo has in contact at the model's reference."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return {tuple(sorted(pair)) for pair in data.contact.geom.tolist()}
+
+
+def test_pairs_that_the_file_excludes_may_be_in_each_other_and_others_are_named(tmp_path):
+    case = CASES / "hand-exclude"
+    hand = from_mjcf(case / "hand.xml", case / "sensors.yaml")
+    assert not contacts_at_rest(mujoco.MjModel.from_xml_path(str(case / "hand.xml")))
+    assert not contacts_at_rest(build_spec(hand).compile())
+    check_hand(hand)
+    ball = trimesh.creation.icosphere(3, 0.03)
+    points, _ = trimesh.sample.sample_surface(ball, 3000, seed=0)
+    draw = np.random.default_rng(0)
+    assert grasp_object(ball, ball, points + OBJECT_POSITION, hand, draw, per_object=2, attempts=2).touches.any()
+    text = (case / "hand.xml").read_text()
+    (tmp_path / "hand.xml").write_text(text.replace('<exclude body1="palm" body2="b_tip"/>', ""))
+    assert contacts_at_rest(mujoco.MjModel.from_xml_path(str(tmp_path / "hand.xml"))) == {(0, 4)}
+    with pytest.raises(
+        ConfigError, match="its links 'palm' and 'b_tip' are 10.0 mm deep in each other.*exclude the pair"
+    ):
+        check_hand(from_mjcf(tmp_path / "hand.xml", case / "sensors.yaml"))
+
+
+def test_geoms_meet_each_other_as_mujoco_says(tmp_path):
+    """Links in one place, with random bits, an exclusion, two links that are one body, and a pair; the palm is free."""
+    rng = np.random.default_rng(3)
+    bits = rng.choice(5, (9, 2))
+    bits[:, 1] = np.maximum(bits[:, 1], 1)  # links without a colliding geom don't count between others here
+    bits[0] = 1, 1
+
+    def body(number, inner="", joint=True):
+        hinge = f'<joint name="j{number}" axis="0 1 0" range="0 1"/>' * joint
+        a, b = bits[number]
+        return (
+            f'<body name="b{number}">{hinge}<geom name="g{number}" type="box" size=".02 .02 .02" contype="{a}"'
+            f' conaffinity="{b}"/>{inner}</body>'
+        )
+
+    fingers = body(1, body(2, body(3))) + body(4, body(5, body(6, joint=False)) + body(7, body(8)))
+    (tmp_path / "hand.xml").write_text(
+        '<mujoco><compiler angle="radian"/><worldbody><geom type="plane" size="1 1 1" contype="0" conaffinity="0"/>'
+        '<body name="palm"><freejoint/><geom name="g0" type="box"'
+        f' size=".02 .02 .02"/>{fingers}</body></worldbody><contact><exclude body1="b1" body2="b5"/>'
+        '<pair geom1="g2" geom2="g3"/></contact></mujoco>'
+    )
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "hand.xml"))
+    expected = {(one - 1, other - 1) for one, other in contacts_at_rest(model)}  # without the plane
+    hand = from_mjcf(tmp_path / "hand.xml", {"sensors": [{"body": "b1"}]})
+    found = {tuple(pair) for pair in np.argwhere(np.triu(hand.meets(), 1)).tolist()}
+    assert 5 < len(expected) < 36 and (2, 3) in expected
+    assert found == expected
+    assert contacts_at_rest(build_spec(hand).compile()) == expected
+
+
+@pytest.mark.parametrize("bits", [(4, 0), (0, 2), (0, 0)])
+def test_a_geom_with_any_bit_stops_at_the_object(tmp_path, bits):
+    (tmp_path / "hand.xml").write_text(
+        '<mujoco><compiler angle="radian"/><worldbody><body name="palm"><geom type="box" size=".01 .03 .03"/>'
+        '<body name="jaw" pos=".02 0 0"><joint name="jaw" type="slide" axis="1 0 0" range="0 .05"/>'
+        f'<geom type="box" size=".005 .02 .02" contype="{bits[0]}" conaffinity="{bits[1]}"/></body></body></worldbody>'
+        "</mujoco>"
+    )
+    hand = from_mjcf(tmp_path / "hand.xml", {"sensors": [{"body": "jaw", "position": [0.005, 0, 0]}]})
+    assert hand.geom_collides.tolist() == [True, any(bits)]
+    block = trimesh.creation.box((0.02, 0.1, 0.1))
+    block.apply_translation([0.05, 0, 0])  # from 40 mm on: the jaw's face is at 25 mm and may go to 75
+    simulation = GraspSimulation(hand, [block.vertices])
+    simulation.place(np.eye(4), np.zeros(1))
+    assert simulation.close(np.array([0.02])).joint_positions[0] == pytest.approx(
+        0.015 if any(bits) else 0.02, abs=5e-4
+    )
+
+
+def test_joint_names_are_the_files_and_come_with_the_hand(model_file, tmp_path):
+    hand = from_mjcf(model_file, grippers.SENSORS)
+    assert hand.joint_names == ("left_turn", "left_bend", "left_curl", "right_bend", "right_curl")
+    assert allegro().joint_names[:5] == ("index_0", "index_1", "index_2", "index_3", "middle_0")
+    arrays = hand.to_arrays()
+    assert arrays["joint_names"].tolist()[0] == b"left_turn"
+    assert Hand.from_arrays(arrays).joint_names == hand.joint_names
+    # A store of before has none of the newer arrays, and a hand whose joints are called as their links.
+    newer = ("joint_names", "joint_driver", "joint_coupling", "geom_contype", "geom_conaffinity", "excluded_links")
+    old = Hand.from_arrays({name: array for name, array in arrays.items() if name not in (*newer, "paired_geoms")})
+    assert old.joint_names == ("left_0", "left", "left_end", "right", "right_end") and len(old.drivers) == 5
+    np.testing.assert_array_equal(old.meets(), hand.meets())
+
+
+@pytest.mark.parametrize("sensors", ["sensors", "sensors_palm_base", "sensors_palm_world"])
+def test_the_root_of_a_urdf_is_the_palm(sensors):
+    case = CASES / "hand-urdf-root"
+    hand = from_mjcf(case / "hand.urdf", case / f"{sensors}.yaml")
+    assert hand.link_names == ("base", "a_1", "a_2", "b_1", "b_2")
+    assert hand.joint_names == ("a_j1", "a_j2", "b_j1", "b_j2")
+    assert hand.geom_link.tolist() == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(2 * hand.geom_size[0], [0.02, 0.1, 0.08])
+    np.testing.assert_allclose(hand.forward(np.eye(4), np.zeros(4))[2, :3, 3], [0.01, 0.03, 0.1])
+    check_hand(hand)
+
+
+def test_meshes_of_a_urdf_are_found_as_ros_names_them(tmp_path):
+    """By `package://`, relative, and by the last part of the name; those of visuals need not be readable."""
+    folder = tmp_path / "hands" / "my_hand"
+    (folder / "urdf").mkdir(parents=True)
+    (folder / "meshes").mkdir()
+    trimesh.creation.box((0.02, 0.1, 0.08)).export(folder / "meshes" / "palm.stl")
+    text = (CASES / "hand-urdf-root/hand.urdf").read_text()
+    box = '<box size="0.02 0.1 0.08"/>'
+    for name in ("package://my_hand/meshes/palm.stl", "../meshes/palm.stl", "package://other/meshes/palm.stl"):
+        visual = '<visual><geometry><mesh filename="palm.dae"/></geometry></visual><collision>'
+        changed = text.replace(box, f'<mesh filename="{name}"/>').replace("<collision>", visual, 1)
+        (folder / "urdf" / "hand.urdf").write_text(changed)
+        hand = from_mjcf(folder / "urdf" / "hand.urdf", CASES / "hand-urdf-root/sensors.yaml")
+        np.testing.assert_allclose(sorted(np.ptp(hand.geom_vertices[0], axis=0)), [0.02, 0.08, 0.1], atol=1e-6)
+        assert model_files(folder / "urdf" / "hand.urdf") == [folder / "meshes" / "palm.stl"]
+    (folder / "meshes" / "palm.stl").unlink()
+    with pytest.raises(ConfigError, match=r"hand.urdf: no mesh 'package://other/meshes/palm.stl'"):
+        from_mjcf(folder / "urdf" / "hand.urdf", CASES / "hand-urdf-root/sensors.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ((CASES / "hand-no-body/hand.xml").read_text(), "is a part of a model: give the file that includes it"),
+        ((CASES / "hand-no-body/geoms_only.xml").read_text(), "the model has no body: give the file that includes it"),
+        ("<mujoco>", "can't be read as XML"),
+        ('<robot xmlns:xacro="http://wiki.ros.org/xacro"><xacro:include/></robot>', "is a template: expand it"),
+    ],
+)
+def test_a_file_that_is_no_hand_is_named(tmp_path, text, message):
+    (tmp_path / "hand.xml").write_text(text)
+    with pytest.raises(ConfigError, match=f"hand.xml: .*{message}"):
+        from_mjcf(tmp_path / "hand.xml", {"sensors": [{"site": "a"}]})
+
+
+def test_a_flat_mesh_may_be_drawn_but_not_collide(model_file):
+    flat = 'vertex="0 -.012 0  0 .012 0  .012 -.012 0  .012 .012 0" face="0 1 2  1 3 2"'
+    text = re.sub(r'vertex="[^"]*"', flat, model_file.read_text())
+    model_file.write_text(text)
+    with pytest.raises(ConfigError, match="gripper.xml: .*mesh 'wedge' has coplanar vertices"):
+        from_mjcf(model_file, grippers.SENSORS)
+    model_file.write_text(text.replace('mesh="wedge" pos', 'contype="0" conaffinity="0" mesh="wedge" pos'))
+    hand = from_mjcf(model_file, grippers.SENSORS)
+    assert len(hand.geom_vertices[3]) == 4
+    check_hand(hand)
+
+
+def test_open_by_names_and_an_anchor_by_body_and_pose(model_file):
+    anchor = {"body": "palm", "position": [0.015, 0, 0.01], "rotation": [0, 0, 0]}
+    given = grippers.SENSORS | {"anchor": anchor, "open": {"right_bend": 0.3}}
+    hand, as_listed = from_mjcf(model_file, given), from_mjcf(model_file, grippers.SENSORS)
+    np.testing.assert_allclose(hand.palm_anchor, as_listed.palm_anchor)
+    expected = as_listed.open_joint_positions.copy()
+    expected[3] = 0.3
+    np.testing.assert_array_equal(hand.open_joint_positions, expected)
+    with pytest.raises(ConfigError, match="`open`: no joint 'right', but left_turn, left_bend"):
+        from_mjcf(model_file, given | {"open": {"right": 0.3}})
+    with pytest.raises(ConfigError, match="anchor 'left_end' is not on the palm's body"):
+        from_mjcf(model_file, given | {"anchor": {"body": "left_end"}})
+
+
+@pytest.mark.parametrize("name", ["hand", "hand_without"])
+def test_an_open_hand_that_is_closed_is_named(tmp_path, name):
+    case = CASES / "hand-equality"
+    (found,) = check_files(case / f"{name}.xml", case / "sensors.yaml", DIGIT)
+    assert re.search("open hand is closed: gels 'l_gel' and 'r_gel' touch .4 mm.: give `open`", found)
+    sensors = yaml.safe_load((case / "sensors.yaml").read_text()) | {"open": {"l": 0.04, "r": 0.04}}
+    (tmp_path / "sensors.yaml").write_text(yaml.safe_dump(sensors))
+    assert check_files(case / f"{name}.xml", tmp_path / "sensors.yaml", DIGIT) == []
+    (tmp_path / "sensors.yaml").write_text(yaml.safe_dump(sensors | {"open": {"l": 0.04, "r": 0.01}}))
+    if name == "hand":
+        with pytest.raises(ConfigError, match="'l' follows 'r' to 0.01, not 0.04: give 'r' alone"):
+            check_files(case / f"{name}.xml", tmp_path / "sensors.yaml", DIGIT)

@@ -161,14 +161,14 @@ def broken(tmp_path_factory):
     return nasty.unusable(tmp_path_factory.mktemp("broken"))
 
 
-UNREADABLE = r"can't be read as \.|holds nothing, no triangles"
+UNREADABLE = r"can't be read as \.|holds no triangles"
 # What is wrong with them, in the error's words; with all others, that they can't be read or that nothing is in them.
 SAID = {
     **dict.fromkeys(("nan", "nan_stl", "infinite"), "not finite"),
     **dict.fromkeys(("points", "points_obj", "lines"), "points or lines only"),
     **{"overflowing": "diagonal", "one_point": "diagonal of 0", "on_a_line": "area", "far_single": "are rounded"},
-    **{"bad_index": "index outside", "bad_index_ply": "vertex 7 of 3", "no_buffer": "gone.bin"},
-    **{"cut_texture": "a texture can't be read", "cut_glb": "can't be read", "unknown": "ends in one of"},
+    **{"bad_index": "vertex 7 of 3", "bad_index_ply": "vertex 7 of 3", "no_buffer": "gone.bin"},
+    **{"cut_texture": "a texture can't be read", "cut_glb": "can't be read", "unknown": "Blender: not read"},
     **{"missing": "no such file", "folder": "not a regular file"},
 }
 

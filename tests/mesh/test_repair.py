@@ -7,6 +7,7 @@ import trimesh
 from palpate import mesh, shapes
 from palpate.mesh import topology
 from palpate.mesh.repair import TOLERANCE, repair
+from tests.mesh.reading import CASES, CORNERS, SIDES
 
 OBJECTS = [("bottle", 407), ("knife", 17), ("cellphone", 8), ("cellphone", 311), ("rifle", 4), ("rifle", 196)]
 
@@ -86,3 +87,68 @@ def test_a_plate_thinner_than_the_tolerance_stays_as_a_sheet():
     found = repaired(np.r_[low, low + (0, 0, 0.1 * TOLERANCE)], faces)
     sheet = trimesh.Trimesh(found.vertices, found.faces[found.keep], process=False)
     assert sheet.area == pytest.approx(1)
+
+
+SIDE = np.array(SIDES)
+BOX, OTHER = (np.r_[sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]] for sides in (SIDE, np.roll(SIDE, 1, axis=1)))
+OPEN = BOX[np.r_[1:6, 7:12]]  # without one side
+
+
+def kept(*parts):
+    """How many faces of each part stay, and the surface; a part: its faces of the box, or (faces, shift)."""
+    parts = [each if isinstance(each, tuple) else (each, 0) for each in parts]
+    vertices = np.concatenate([CORNERS + (shift, 0, 0) for _, shift in parts])
+    faces = np.concatenate([faces + 8 * number for number, (faces, _) in enumerate(parts)])
+    part = np.repeat(np.arange(len(parts)), [len(faces) for faces, _ in parts])
+    found = repair(vertices, faces, part)
+    surface = trimesh.Trimesh(found.vertices, found.faces[found.keep], process=False)
+    return np.bincount(part[found.keep], minlength=len(parts)).tolist(), surface, found.flip
+
+
+@pytest.mark.parametrize("outside", [BOX, OTHER])
+def test_of_a_shell_and_its_back_the_one_that_faces_out_stays(outside):
+    """In whatever order, and however their sides are cut in two: the back has the other material."""
+    back = BOX[:, ::-1]
+    for parts, expected in (((back, outside), [0, 12]), ((outside, back), [12, 0]), ((BOX, outside), [12, 0])):
+        counts, surface, flip = kept(*parts)
+        assert counts == expected and surface.is_watertight and surface.volume == pytest.approx(1) and not flip.any()
+
+
+def test_of_two_shells_that_face_in_the_first_is_turned():
+    counts, surface, flip = kept(BOX[:, ::-1], BOX[:, ::-1])
+    assert counts == [12, 0] and surface.volume == pytest.approx(1) and flip[:12].all()
+
+
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [
+        ((BOX[:, ::-1], BOX[:6], BOX[6:]), [0, 6, 6]),  # two materials outside, neither closed
+        ((BOX[:6], BOX[6:], BOX[:, ::-1]), [6, 6, 0]),
+        ((BOX[:6, ::-1], BOX[:6], BOX[6:], BOX[6:, ::-1]), [0, 6, 6, 0]),
+        ((OPEN[:, ::-1], OPEN), [0, 10]),  # without a lid
+        ((OPEN, OPEN[:, ::-1]), [10, 0]),
+        ((OPEN[:, ::-1], BOX), [0, 12]),
+        ((BOX, OPEN[:, ::-1]), [12, 0]),
+        ((BOX[:, ::-1], OPEN), [2, 10]),  # one side has its back alone
+        ((BOX[[0, 6]][:, ::-1], BOX[[0, 6]]), [2, 0]),  # sheets that are seen from both sides: the first
+    ],
+)
+def test_of_faces_that_coincide_the_one_that_faces_out_stays(parts, expected):
+    counts, surface, _ = kept(*parts)
+    assert counts == expected
+    if sum(expected) == 12:
+        assert surface.is_watertight and surface.volume == pytest.approx(1)
+
+
+def test_solids_that_share_a_wall_keep_it_and_a_back_of_one_goes():
+    counts, surface, _ = kept(BOX, (BOX, 1))
+    assert counts == [12, 12] and surface.is_watertight and surface.volume == pytest.approx(2)
+    counts, surface, _ = kept(BOX[:, ::-1], (BOX, 1), BOX)
+    assert counts == [0, 12, 12] and surface.is_watertight and surface.volume == pytest.approx(2)
+
+
+def test_the_case_of_two_materials_is_red(tmp_path):
+    record = mesh.prepare(CASES / "coincident-two-materials/box.obj", tmp_path)
+    assert record["visual.glb"]["faces"] == 12 and record["repairs"]["duplicate_faces_removed"] == 12
+    (part,) = trimesh.load_scene(tmp_path / "visual.glb", process=False).geometry.values()
+    np.testing.assert_array_equal(part.visual.material.baseColorFactor[:3], [204, 0, 0])

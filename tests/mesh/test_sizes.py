@@ -8,6 +8,7 @@ import trimesh
 
 from palpate import mesh
 from palpate.batch import UnusableObject
+from tests.mesh.reading import CASES
 
 MUG = np.array([0.08, 0.12, 0.095])  # m
 
@@ -30,6 +31,22 @@ def test_a_mug_is_as_large_as_a_mug(tmp_path, unit, scale, factor):
     size = unit * factor * np.linalg.norm(MUG)
     assert mesh.diagonal(tmp_path / "out") == record["diagonal"] == pytest.approx(size, rel=1e-6)
     assert record == json.loads((tmp_path / "out/mesh.json").read_text()) == mesh.read_record(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("case", "sides", "scale"),
+    [
+        ("dae-unit-inch/block.dae", (4 * 0.0254, 3 * 0.0254, 2 * 0.0254), 0.0254),
+        ("dae-unit-comma/block.dae", (0.04, 0.03, 0.02), 0.01),
+        ("3mf-millimetre/block.3mf", (0.04, 0.03, 0.02), 0.001),
+    ],
+)
+def test_keep_takes_the_unit_that_a_file_states_and_a_number_does_not(tmp_path, case, sides, scale):
+    record = mesh.prepare(CASES / case, tmp_path / "out", scale="keep")
+    np.testing.assert_allclose(mesh.load_visual(tmp_path / "out").extents, sides, rtol=1e-5)
+    assert record["scale"] == scale and record["diagonal"] == pytest.approx(np.linalg.norm(sides), rel=1e-5)
+    given = mesh.prepare(CASES / case, tmp_path / "given", scale=0.02)
+    np.testing.assert_allclose(given["diagonal"], np.linalg.norm(sides) / scale * 0.02, rtol=1e-5)
 
 
 def test_one_size_is_the_default(tmp_path):

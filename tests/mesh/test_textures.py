@@ -12,7 +12,10 @@ from palpate import mesh
 from palpate.batch import UnusableObject
 from palpate.catalogue import CatalogueError, Source, scan
 from palpate.mesh import load
-from palpate.mesh.textures import GREY, LARGEST, problem_of
+from palpate.mesh.files import problem_of
+from palpate.mesh.formats import obj
+from palpate.mesh.part import GREY
+from palpate.named_files import LARGEST_SIDE as LARGEST
 from palpate.scene import Scene
 from palpate.vision import Renderer
 
@@ -93,7 +96,7 @@ def test_a_texture_that_cannot_be_used_is_named_and_grey(tmp_path, case):
 
 
 def test_it_is_in_the_log(tmp_path, caplog):
-    load.load_parts(write_obj(tmp_path, "map_Kd gone.png\n"))
+    load.load(write_obj(tmp_path, "map_Kd gone.png\n"))
     assert "a.obj: gone.png: there is no such file: drawn in neutral grey" in caplog.text
 
 
@@ -117,10 +120,9 @@ def test_a_texture_beside_the_folder_and_one_with_backslashes_are_read(tmp_path)
 
 def test_a_texture_of_16k_loads(tmp_path):
     path = write_obj(tmp_path, "map_Kd t.png\n", t=png(LARGEST, LARGEST))
-    replaced = {}
-    (part,) = load.load_parts(path, replaced)
-    assert replaced == {} and part.visual.material.image.size == (LARGEST, LARGEST)
-    part.visual.material.image.load()
+    ((part,), _), problems = load.load(path)
+    assert problems == {} and part.visual.material.baseColorTexture.size == (LARGEST, LARGEST)
+    part.visual.material.baseColorTexture.load()
     assert problem_of(png(4, 4)) is None
 
 
@@ -128,9 +130,9 @@ def test_too_little_memory_is_no_fault_of_the_object_and_names_the_file(tmp_path
     def exhausted(*arguments, **keywords):
         raise MemoryError("Unable to allocate 9 TiB")
 
-    monkeypatch.setattr(load.trimesh, "load_scene", exhausted)
+    monkeypatch.setattr(obj, "triangulate", exhausted)
     with pytest.raises(MemoryError, match="while loading .*a.obj, .*Unable to allocate"):
-        load.load_parts(write_obj(tmp_path, None))
+        load.load(write_obj(tmp_path, None))
 
 
 def test_a_link_that_leads_nowhere_is_said_at_the_start(tmp_path):
@@ -139,4 +141,4 @@ def test_a_link_that_leads_nowhere_is_said_at_the_start(tmp_path):
     with pytest.raises(CatalogueError, match="mug/a.stl: a link to .*moved/a.stl, where there is no file: correct"):
         scan(Source("folder", tmp_path), {"mug": "all"})
     with pytest.raises(UnusableObject, match="no such file"):
-        load.load_parts(tmp_path / "mug/a.stl")
+        load.load(tmp_path / "mug/a.stl")

@@ -519,3 +519,54 @@ def test_reading_a_dataset_loads_no_engine():
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     engines = {"bpy", "mujoco", "embreex", "igl", "trimesh", "torch", "pandas"}
     assert not engines & set(output.stdout.split())
+
+
+ZARR = [stage for stage in STAGES if CONTRACT[stage].stage.suffix == ".zarr"]
+
+
+@pytest.mark.parametrize("stage", ZARR)
+def test_every_axis_has_a_name_by_which_lengths_agree(tmp_path, stage):
+    """xarray asks for this: names that differ within an array, and one length a name within a store."""
+    path, lengths = path_of(tmp_path, stage), {}
+    write(path, stage, arrays_of(stage, 2), ATTRIBUTES)
+    for name in CONTRACT[stage].arrays:
+        header = json.loads((path / name / "zarr.json").read_text())
+        names = header["dimension_names"]
+        assert len(names) == len(header["shape"]) == len(set(names)), name
+        for axis, length in zip(names, header["shape"], strict=True):
+            assert lengths.setdefault(axis, length) == length, (name, axis)
+        assert name not in names or len(names) == 1  # else xarray takes it for a coordinate
+    assert lengths["object"] == 2
+
+
+def test_the_names_are_words_of_the_field():
+    expected = ["object", "grasp", "sensor", "row", "column", "colour"]
+    assert list(CONTRACT["touch"].arrays["reading"].dimensions) == expected
+    expected = ["object", "grasp", "camera", "image_row", "image_column", "channel"]
+    assert list(CONTRACT["vision"].arrays["occluded"].dimensions) == expected
+    assert CONTRACT["grasps"].arrays["palm_pose"].dimensions == ("object", "grasp", "pose_row", "pose_column")
+
+
+@pytest.mark.parametrize("stage", ZARR)
+def test_xarray_opens_a_store(tmp_path, stage):
+    xarray = pytest.importorskip("xarray", reason="no xarray here (envs/xarray.in)")
+    arrays = arrays_of(stage, 2)
+    write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
+    found = xarray.open_zarr(path_of(tmp_path, stage), consolidated=False, chunks=None)
+    assert set(found.variables) == set(arrays)
+    for name, values in arrays.items():
+        assert found[name].dims == CONTRACT[stage].arrays[name].dimensions
+        np.testing.assert_array_equal(found[name].values, values, err_msg=name)
+        assert name == "object" or found[name].dtype == values.dtype
+
+
+def test_a_store_without_names_of_its_axes_reads_the_same(tmp_path):
+    """As stores of before there were names: the contract's version is the same."""
+    arrays = arrays_of("touch", 2)
+    path = path_of(tmp_path, "touch")
+    write(path, "touch", arrays, ATTRIBUTES)
+    for file in path.glob("*/zarr.json"):
+        header = json.loads(file.read_text())
+        file.write_text(json.dumps({key: each for key, each in header.items() if key != "dimension_names"}))
+    palpate.store.zarr_files.seal_zarr(path)
+    assert_same(read(path), arrays)

@@ -151,3 +151,18 @@ def test_the_default_ring_of_lights_is_three_lights_of_one_colour_each():
         *POSE
     )
     np.testing.assert_array_equal(shade(depth, same), shade(depth, DIGIT))
+
+
+WIDE = replace(DIGIT, width=0.03, height=0.01, resolution=(20, 60))
+
+
+@pytest.mark.parametrize("kind", [WIDE, replace(WIDE, width=0.01, height=0.03, resolution=(60, 20))], ids=["y", "z"])
+def test_a_sensor_is_as_wide_along_y_and_as_high_along_z_as_it_says(kind):
+    """A small plate near the end of the longer side, or as far along the shorter one: the depth of every face."""
+    for place in np.array([(0.013, 0), (-0.013, 0), (0, 0.013), (0, -0.013)]):
+        mesh = trimesh.creation.box((0.01, 0.002, 0.002), trimesh.transformations.translation_matrix([0.025, *place]))
+        caster = RayCaster(mesh, sensor=kind)
+        z, y = np.meshgrid(*kind.pixel_centres, indexing="ij")
+        covered = (np.abs(y - place[0]) < 0.001) & (np.abs(z - place[1]) < 0.001)
+        np.testing.assert_array_equal(np.isfinite(caster.trace(*POSE)[0]), covered)
+        assert caster.succeeds(*POSE)[0] == covered.any() == caster.is_near(*POSE)[0]

@@ -113,8 +113,8 @@ class Workflow:
         return found
 
     def planned(self, *targets: str) -> set[str]:
-        """The rules that a dry run would run."""
-        return {job.rule for job in self.jobs(*targets)}
+        """The rules that a dry run would run, without those that are named as a file is."""
+        return {job.rule for job in self.jobs(*targets) if "/" not in job.rule}
 
     def outputs(self, *targets: str) -> set[str]:
         """The files that a dry run would make."""

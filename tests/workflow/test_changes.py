@@ -32,7 +32,7 @@ def test_frames_are_added_to_a_run_that_stays_as_it_is(finished):
         ({"touch": {"sensor": OTHER_LIGHT}}, "touch", {"table"}),
         ({"touch": {"sensor": OTHER_RANGE}}, "grasps", AFTER_GRASPS),
         ({"surface": {"points": 2000}}, "surface", {"grasps", *AFTER_GRASPS}),
-        ({"mesh": {"collision_faces": 500}}, "meshes", {"surface", "grasps", *AFTER_GRASPS}),
+        ({"mesh": {"collision_faces": 500}}, "meshes", {"catalogue", "surface", "grasps", *AFTER_GRASPS}),
         ({"split": {"train": 1, "validation": 0, "test": 1}}, "catalogue", {"table"}),
     ],
     ids=["samples", "thumb_share", "hand", "lights", "range", "points", "faces", "split"],

@@ -1,6 +1,7 @@
 """Ctrl-C, and SIGTERM, in a run: its jobs end, it says so in a line, and the same command goes on."""
 
 import contextlib
+import fcntl
 import os
 import signal
 import subprocess
@@ -9,7 +10,9 @@ import time
 import psutil
 import pytest
 
+from snakemake_logger_plugin_palpate import INTERRUPTED
 from tests.workflow.conftest import PROJECT
+from workflow.run import lock
 
 
 @pytest.fixture(scope="module")
@@ -53,3 +56,19 @@ def test_an_interrupted_run_ends_its_jobs_and_says_so(workflow, tmp_path, how):
     if how == "terminal":
         result = workflow("surface/batch-0000.zarr")
         assert result.returncode == 0 and (workflow.run / "surface/batch-0000.zarr").exists(), result.stderr
+
+
+def test_a_run_that_waits_for_jobs_of_a_killed_one_ends_at_sigterm(make_workflow):
+    """Snakemake's own handler waits until the jobs that it has started end, and has started none."""
+    run = make_workflow()
+    run.run.mkdir()
+    with open(run.run / lock.JOBS_LOCK, "a+") as file:
+        fcntl.flock(file, fcntl.LOCK_SH)  # as a job does
+        process = subprocess.Popen(
+            run.command("catalogue.csv"), cwd=PROJECT, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        next(line for line in process.stderr if "waiting for jobs of a run that was killed" in line)
+        process.terminate()
+        _, printed = process.communicate(timeout=10)
+    assert process.returncode != 0 and printed == f"{INTERRUPTED}\n"
+    assert not (run.run / "catalogue.csv").exists()

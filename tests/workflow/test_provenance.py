@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate import Dataset, shapes
+from palpate import Dataset, checksums, shapes
 from palpate.catalogue import checksum, read_catalogue, require_unchanged
 from palpate.checksums import DamagedFile
 from palpate.store import StoreError, read
@@ -38,21 +38,33 @@ def test_a_seed_written_as_1_0_is_1(finished):
     assert not finished.changed(seed=0.0, grasps={"per_object": 5.0}).jobs("dataset")
 
 
-def test_a_source_that_changes_while_its_batch_is_made(make_workflow, tmp_path):
-    """After the catalogue was made; by the clock it is not newer."""
+def test_a_source_that_changes_after_its_table_was_made(make_workflow, tmp_path):
+    """Its checksum is looked at, though by the clock it is not newer."""
     meshes = two_classes(tmp_path)
     workflow = make_workflow(source={"kind": "folder", "path": str(meshes)})
-    assert workflow("catalogue.csv").returncode == 0
+    targets = "catalogue.csv", "meshes/batch-0000"
+    assert workflow(*targets).returncode == 0
     source = meshes / "brick/millimetres.obj"
     times = source.stat()
     source.write_text(source.read_text() + "# changed\n")
     os.utime(source, ns=(times.st_atime_ns, times.st_mtime_ns))
-    assert workflow("meshes/batch-0000").returncode == 0
+    assert workflow.planned(*targets) == {"catalogue_batch", "catalogue", "meshes"}
+    # The table alone, made again: what the meshes were made from is known.
+    assert workflow("catalogue/batch-0000.csv").returncode == 0
+    shutil.copy(workflow.run / "catalogue/batch-0000.csv", workflow.run / "catalogue.csv")
+    checksums.sidecar(workflow.run / "catalogue.csv").unlink()
     with pytest.raises(StoreError, match="meshes/batch-0000 was made from other sources than the run has; remove it"):
         Dataset(workflow.run)[0].mesh  # noqa: B018
-    # The clock is right again: the catalogue is made anew, and the meshes, whose row has changed, with it.
-    os.utime(source)
-    assert workflow.planned("meshes/batch-0000", "catalogue.csv") == {"catalogue_batch", "catalogue", "meshes"}
+
+
+def test_another_checkout_of_the_same_commit_makes_nothing_again(finished, tmp_path):
+    """Its files are new, and so are their times."""
+    copy = tmp_path / "checkout"
+    for name in ("config", "envs", "palpate", "profiles", "studies", "workflow", "snakemake_logger_plugin_palpate"):
+        shutil.copytree(PROJECT / name, copy / name, symlinks=True, copy_function=shutil.copyfile)
+    shutil.copyfile(PROJECT / "Snakefile", copy / "Snakefile")
+    result = run_snakemake(copy, "dataset", "--dry-run", "--configfile", str(finished.config))
+    assert "Nothing to be done" in result.stdout + result.stderr, result.stdout[-3000:]
 
 
 def test_a_job_compares_the_file_that_it_has_read(tmp_path):

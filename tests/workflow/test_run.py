@@ -47,7 +47,7 @@ def test_a_target_builds_just_what_it_needs(make_workflow):
     workflow = make_workflow()
     assert "vision" not in workflow.planned("tables/grasp_success.csv")
     assert "touch" not in workflow.planned("vision/batch-0000.zarr")
-    assert workflow.planned("surface/batch-0000.zarr") == {"catalogue_batch", "meshes", "surface"}
+    assert workflow.planned("surface/batch-0000.zarr") == {"catalogue_batch", "catalogue", "meshes", "surface"}
 
 
 def test_the_run_is_whole_and_valid(finished):

@@ -1,6 +1,7 @@
 """Sources through the Snakefile: layouts, names, places, and the files that meshes name."""
 
 import os
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -94,7 +95,7 @@ def test_shapenet_in_the_layout_of_either_version(make_workflow, tmp_path, model
     assert list(table["class"]) == ["bottle", "knife", "99999999"]
     assert list(table["object"]) == ["bottle-1a", "knife-2b", "99999999-3c"]
     assert table["source"][0] == f"02876657/1a/{model}"
-    assert workflow.planned("dataset") >= STAGES - {"catalogue"}
+    assert workflow.planned("dataset") >= STAGES - {"catalogue", "meshes"}
     only = workflow.changed(classes=[{"class": "knife", "objects": 1}], run="only")
     (job,) = [job for job in only.jobs("meshes/batch-0000") if job.rule == "catalogue_batch"]
     assert str(tmp_path / "03624134/2b" / model) in job.inputs and len(job.inputs) == 1
@@ -137,7 +138,7 @@ def test_abc_in_its_layout(make_workflow, tmp_path):
     table = catalogued(workflow)
     assert list(table["class"]) == ["part"] * 3
     assert table["source"][2] == "00000002/00000002_abc_trimesh_000.obj"
-    assert workflow.planned("dataset") >= STAGES - {"catalogue"}
+    assert workflow.planned("dataset") >= STAGES - {"catalogue", "meshes"}
     assert len(make_workflow(source=source).jobs("meshes/batch-0000")[0].inputs) == 3
 
 
@@ -167,8 +168,49 @@ def test_a_change_to_a_file_that_a_mesh_names_runs_its_batch_again(make_workflow
         changed.write_bytes(content + b"\n")
         _, catalogue_batch, meshes = jobs = sorted(workflow.jobs(*targets))
         assert [job.rule for job in jobs] == ["catalogue", "catalogue_batch", "meshes"]
-        assert f"Updated input files: {changed}" in catalogue_batch.reason
+        assert "Params have changed" in catalogue_batch.reason
         assert f"Input files updated by another job: {catalogue_batch.outputs[0]}" in meshes.reason
         assert catalogue_batch.inputs[0] == str(tmp_path / "mug" / mesh)
         changed.write_bytes(content)
     assert workflow.planned(*targets) == set()  # later, but the same again
+
+
+def test_a_file_that_is_replaced_by_an_older_one_runs_its_batch_again(make_workflow, tmp_path):
+    """As `cp -p` and unzip do. A copy with another time, and a link in its place, are the same."""
+    write_box(tmp_path / "meshes/mug/a.stl")
+    trimesh.creation.box((1, 2, 4)).export(tmp_path / "older.stl")
+    os.utime(tmp_path / "older.stl", (1e9, 1e9))
+    workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path / "meshes")})
+    targets = "catalogue.csv", "meshes/batch-0000"
+    assert workflow(*targets).returncode == 0
+    before = (workflow.run / "catalogue.csv").read_text()
+    source = tmp_path / "meshes/mug/a.stl"
+    source.rename(tmp_path / "kept.stl")
+    source.symlink_to(tmp_path / "kept.stl")
+    os.utime(source, (2e9, 2e9))
+    assert workflow.planned(*targets) == set()
+    source.unlink()
+    shutil.copy2(tmp_path / "older.stl", source)
+    assert workflow.planned(*targets) == {"catalogue", "catalogue_batch", "meshes"}
+    assert workflow(*targets).returncode == 0
+    assert (workflow.run / "catalogue.csv").read_text() != before
+    assert workflow.planned(*targets) == set()
+    shutil.copy2(tmp_path / "kept.stl", source)
+    os.utime(source, (1, 1))
+    assert workflow.planned(*targets) == {"catalogue", "catalogue_batch", "meshes"}
+
+
+def test_copies_and_near_copies_are_in_one_split(make_workflow, tmp_path):
+    """Textured OBJs that are the same byte for byte, and the shape in another format and another folder, y up."""
+    for number in range(12):
+        write_textured(tmp_path / f"mug/{number}")
+        for name in ("model.gltf", "gltf_buffer_0.bin", "material_0.png"):
+            (tmp_path / f"mug/{number}/{name}").unlink(missing_ok=True)
+        trimesh.creation.box((1, 2, 3 + number / 10)).export(tmp_path / f"mug/other-{number}.stl")
+    (tmp_path / "mug/11/a b.obj").rename(tmp_path / "mug/11/else.obj")
+    trimesh.creation.box((1, 3, 2)).export(tmp_path / "mug/y_up.ply")
+    split = {"train": 1, "validation": 1, "test": 1}
+    table = catalogued(make_workflow(source={"kind": "folder", "path": str(tmp_path)}, split=split))
+    boxes = table[~table.object.str.contains("other-") | (table.object == "mug-other-0")]
+    assert len(boxes) == 14 and boxes.split.nunique() == 1 and boxes.checksum.nunique() == 3
+    assert table.split.nunique() == 3

@@ -2,12 +2,16 @@
 
 import os
 import re
+import shutil
+import subprocess
+import sys
 import threading
 
 import pytest
 import yaml
 
-from tests.workflow.conftest import PROJECT
+from palpate import Dataset
+from tests.workflow.conftest import PROJECT, run_snakemake
 
 PROCEDURAL = {"kind": "procedural", "path": None}
 FEW = [{"class": "bottle", "objects": 3}]
@@ -114,7 +118,7 @@ def test_a_path_from_the_root_is_the_runs(smoke, place, monkeypatch):
     target = place(smoke.run / "surface/batch-0000.zarr")
     monkeypatch.chdir(PROJECT)
     monkeypatch.setattr("sys.argv", ["snakemake", target])
-    assert smoke.planned(target) == {target, "shapes", "catalogue_batch", "meshes", "surface"}
+    assert smoke.planned(target) == {"shapes", "catalogue_batch", "catalogue", "meshes", "surface"}
     wrong = place(smoke.run / "tables/graps.csv")
     monkeypatch.setattr("sys.argv", ["snakemake", wrong])
     found = lines(smoke(wrong, "--dry-run"))
@@ -146,3 +150,70 @@ def test_without_the_logger_a_run_has_snakemakes_own_output_and_the_end_of_ours(
     run = workflow("catalogue.csv", "--workflow-profile", "none", "--nolock")
     assert run.returncode == 0, run.stdout + run.stderr
     assert "rule catalogue:" in run.stderr and f"{workflow.run}: index.html" in run.stderr
+
+
+def test_a_hand_that_no_object_can_be_grasped_with_ends_the_run_before_it_starts(make_workflow, tmp_path):
+    """Not an object a row of rejected.csv: open, its links are in each other, and the file does not exclude them."""
+    case = PROJECT / "tests/cases/hand-exclude"
+    text = (case / "hand.xml").read_text()
+    (tmp_path / "hand.xml").write_text(text.replace('<exclude body1="palm" body2="b_tip"/>', ""))
+    hand = {"mjcf": str(tmp_path / "hand.xml"), "sensors": str(case / "sensors.yaml")}
+    result = make_workflow(grasps={"hand": hand})("dataset")
+    assert result.returncode != 0
+    assert "hand 'hand': open, its links 'palm' and 'b_tip' are 10.0 mm deep in each other" in result.stderr
+    for frame in ("WorkflowError", "configuration.smk", "Traceback", ", line "):
+        assert frame not in result.stderr, result.stderr
+
+
+def test_with_quiet_a_wrong_config_is_said_on_standard_error(make_workflow):
+    result = make_workflow(sed=1)("dataset", "--quiet", "all")
+    assert result.returncode == 1 and "sed: unknown key; did you mean 'seed'?" in result.stderr and not result.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("classes: &a [*a]\n", "line 1: this value contains itself: remove the alias in it"),
+        ("split: &a {train: *a}\n", "a file of --configfile contains itself, or is nested too deep: `palpate check"),
+    ],
+    ids=["list", "mapping"],
+)
+def test_a_config_that_contains_itself_is_one_line(tmp_path, text, said):
+    """Snakemake merges mappings before it reads the workflow."""
+    (tmp_path / "config.yaml").write_text(text)
+    result = run_snakemake(PROJECT, "--configfile", str(tmp_path / "config.yaml"))
+    assert result.returncode == 1 and said in result.stderr.splitlines()[-1] and "Traceback" not in result.stderr
+
+
+def test_as_a_module_of_another_workflow_it_says_in_a_line_that_it_is_none(tmp_path):
+    shutil.copy(PROJECT / "tests/cases/snakemake-module/Snakefile", tmp_path)
+    (tmp_path / "overlay.yaml").write_text("run: mine\n")
+    (tmp_path / "palpate").symlink_to(PROJECT)
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--dry-run", "mine"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    (line,) = result.stderr.strip().splitlines()[-1:]
+    assert result.returncode == 1 and line.startswith("Palpate is no module of another Snakemake workflow: run ")
+    assert "Traceback" not in result.stderr and "Error" not in result.stderr
+
+
+def test_a_checkout_with_braces_in_its_path_is_said_and_results_may_have_some(tmp_path, make_workflow):
+    """Snakemake formats the paths of scripts with a job's wildcards."""
+    checkout = tmp_path / "palpate {x}"
+    checkout.mkdir()
+    shutil.copy(PROJECT / "Snakefile", checkout)
+    result = subprocess.run([*make_workflow().command()[:3], "-n"], cwd=checkout, capture_output=True, text=True)
+    assert result.returncode == 1 and "Traceback" not in result.stderr
+    assert result.stderr.strip() == f"{checkout}: Snakemake takes braces in a workflow's path for placeholders: " + (
+        "rename the folder"
+    )
+    workflow = make_workflow(results=str(tmp_path / "results {"))
+    assert workflow("catalogue.csv").returncode == 0 and (tmp_path / "results {/run/catalogue.csv").exists()
+
+
+def test_a_stage_that_is_asked_for_brings_the_catalogue_and_another_catalogue_makes_no_store_again(make_workflow):
+    workflow, target = make_workflow(), "surface/batch-0000.zarr"
+    assert workflow(target).returncode == 0
+    dataset = Dataset(workflow.run)
+    assert dataset.objects and len(dataset[0].points) and (workflow.run / "config.yaml").exists()
+    other = workflow.changed(split={"train": 1, "validation": 0, "test": 0})
+    assert other.planned(target) == {"catalogue"} and other.planned("-f", target) == {"surface"}

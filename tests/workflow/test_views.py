@@ -9,7 +9,7 @@ SETTINGS = {"count": 3, "size": 48, "samples": 1}
 
 def test_views_need_meshes_only(make_workflow):
     workflow = make_workflow(views=SETTINGS)
-    assert workflow.planned("views/batch-0000.zarr") == {"catalogue_batch", "meshes", "views"}
+    assert workflow.planned("views/batch-0000.zarr") == {"catalogue_batch", "catalogue", "meshes", "views"}
     result = workflow("views/batch-0000.zarr")
     assert result.returncode == 0, result.stderr
     store = open_store(workflow.run / "views/batch-0000.zarr")

@@ -24,18 +24,6 @@ def take_folder():
         stop(error)
 
 
-def mesh_files(path):
-    """A mesh file with the materials, textures and buffers that it names: a change to any re-runs its batch.
-
-    Of a long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it. What can't
-    be a mesh's file is none of Snakemake's inputs: the job says why.
-    """
-    if named_files.unusable(path):
-        return []
-    folder, names = Path(path).parent, catalogue.companions(Path(path), SOURCE.path, named_files.HEAD)
-    return [path, *(os.path.normpath(folder / name) for name in names)]
-
-
 def batch_entries(batch):
     if batch not in BATCH_ENTRIES:
         stop(f"the run has no {batch}; its batches are {BATCHES[0]} to {BATCHES[-1]}")
@@ -43,14 +31,31 @@ def batch_entries(batch):
 
 
 @cache
+def mesh_files(batch):
+    """The mesh file of each object of a batch, and those that it names."""
+    entries = batch_entries(batch)
+    return {each.object: catalogue.mesh_files(Path(SOURCE.path, each.source), SOURCE.path) for each in entries}
+
+
+@cache
 def batch_sources(batch):
-    """Files that a batch's meshes come from; procedural objects come as one folder a class."""
+    """Files that a batch's meshes come from, also those that meshes name; procedural objects come as one folder a class.
+
+    What can't be a mesh's file is none of Snakemake's inputs: the job says why.
+    """
     entries = batch_entries(batch)
     if SOURCE.kind == "procedural":
         return sorted({f"sources/{entry.class_name}" for entry in entries})
-    files = [file for entry in entries for file in mesh_files(f"{SOURCE.path}/{entry.source}")]
-    files = [checked(file) for file in dict.fromkeys(files)]
-    return [*map(local, files)] if options.default_storage_provider else files
+    files = dict.fromkeys(str(file) for files in mesh_files(batch).values() for file in files)
+    files = [checked(file) for file in files]
+    return [*map(local, files)] if options.default_storage_provider else [*map(ancient, files)]
+
+
+@cache
+def source_state(batch):
+    """What tells whether the files of a batch have changed: their times do not count, so that an older file is seen."""
+    is_made = SOURCE.kind == "procedural"
+    return "" if is_made else catalogue.state(RUN_FOLDER, batch, mesh_files(batch), SOURCE.path)
 
 
 @cache

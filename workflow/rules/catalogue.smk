@@ -1,3 +1,6 @@
+from palpate.catalogue.source import LAYOUTS
+
+
 # The embedded source: procedural CAD objects, written as files that are then read like anyone's.
 rule shapes:
     output:
@@ -36,14 +39,16 @@ rule catalogue_batch:
             each._replace(split="") if each.split else each for each in batch_entries(wildcards.batch)
         ],
         seed=config["seed"] if SOURCE.kind == "procedural" else None,
+        state=lambda wildcards: source_state(wildcards.batch),
     script:
         "../scripts/catalogue_batch.py"
 
 
-# Which objects the run has, and their splits.
+# Which objects the run has, and their splits. Copies are in one, also those in another format: meshes tell their shapes.
 rule catalogue:
     input:
         batches=expand("catalogue/{batch}.csv", batch=BATCHES),
+        facts=expand("meshes/{batch}.facts.json", batch=BATCHES) if SOURCE.kind in LAYOUTS else [],
     output:
         table="catalogue.csv",
     log:

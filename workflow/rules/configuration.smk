@@ -9,26 +9,17 @@ import sys
 from snakemake.logging import logger
 
 from palpate import catalogue, sensor, stages
-from palpate.check import FILES, resolve
+from palpate.check import FILES, checked, resolve
 from palpate.configuration import ConfigError, absolute, check, parse_texts, read_yaml, typed, whole_numbers
-from palpate.experiments import Experiments
-from palpate.training.recipes import Recipe
 
 SCHEMAS = PROJECT / "workflow/schemas"
-CLASS_FILE = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # a class in a file's name: `catalogue.file_name`
+CLASS_FILE = rf"\w[{catalogue.LETTERS}.-]*"  # a class in a file's name: `catalogue.file_name`
 
 
 def stop(message):
     """End the workflow with a message, and without the place in a rule file that Snakemake would add."""
     logger.error(str(message))
     sys.exit(1)
-
-
-def checked(path):
-    """The path, if Snakemake takes it as it is: its wildcards have a name, and maybe a pattern after a comma."""
-    if re.search(r"\{\s*\w+\s*(,([^{}]|\{[\d,]+\})*)?\}|<[a-z][a-z0-9_]*>", path):
-        raise ConfigError(f"{path}: Snakemake takes {{...}} and <...> in a path for placeholders: rename it")
-    return path
 
 
 try:
@@ -44,24 +35,21 @@ try:
     check(config, SCHEMAS / "config.schema.yaml", FILES)
     config.update(whole_numbers(config))
     config["training"]["override"] = typed(config["training"]["override"])
-    EXPERIMENTS = Experiments.read(PROJECT / "config/experiments.yaml", SCHEMAS / "experiments.schema.yaml")
-    chosen = config["training"]["recipe"], config["training"]["override"]
-    RECIPE = Recipe.read(PROJECT / "config/recipes.yaml", *chosen, SCHEMAS / "recipes.schema.yaml")
     RUN_FOLDER = str(Path(absolute(config["results"], PROJECT), config["run"]))
     catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
-    SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR = resolve(config, PROJECT)
+    SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR, EXPERIMENTS, RECIPE = resolve(config, PROJECT)
     background = sensor.read(sensor.sensor_file(config["touch"]["sensor"], PROJECT)).get("background")
     SENSOR_BACKGROUND = local(background) if background else []
-    for entry in ENTRIES:
-        checked(f"{SOURCE.path}/{entry.source}")
     BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)
     KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, BATCH_SIZE)
     HAND_FILES = []  # what the model file of an own hand names: meshes, textures, included models
     if HAND:
-        from palpate import hand  # loads MuJoCo
+        from palpate import grasp, hand  # loads MuJoCo
 
         for line in hand.check_files(HAND.mjcf, HAND.sensors, SENSOR):
             logger.warning(line)
+        own_hand = hand.from_mjcf(HAND.mjcf, HAND.sensors, SENSOR.gel_face)
+        grasp.check_hand(own_hand, config["grasps"]["timestep"], config["grasps"]["max_penetration"])
         HAND_FILES = [checked(str(path)) for path in hand.model_files(HAND.mjcf)]
     if [config["vision"][key] for key in ("cameras", "lights", "background")] != [None, None, [1, 1, 1]]:
         from palpate import scene

@@ -14,6 +14,7 @@ def known_targets():
         *evaluations_of(EXPERIMENTS.experiments, "evaluations/rings"),
         *("catalogue.csv", "rejected.csv", "models/touch_depth/best.ckpt", "evaluations/touch_depth.csv"),
         *expand("reports/{report}.csv", report=["validation", *([] if RELEASED else report_items.REPORTS)]),
+        *expand("rejected/{stage}/{batch}.csv", stage=STAGES, batch=BATCHES),
         *(path for stage in stages.STAGES.values() for path in expand(stage.path(), batch=BATCHES)),
     ]
 

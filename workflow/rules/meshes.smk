@@ -10,6 +10,7 @@ rule meshes:
     output:
         meshes=directory("meshes/{batch}"),
         rejected="rejected/meshes/{batch}.csv",
+        facts="meshes/{batch}.facts.json",
     log:
         "logs/meshes/{batch}.log",
     benchmark:

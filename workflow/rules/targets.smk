@@ -3,13 +3,21 @@
 
 # Files of the run that the command line names from the project's root, as a shell completes them.
 FROM_ROOT = [path for path in sys.argv[1:] if os.path.abspath(PROJECT / path).startswith(f"{RUN_FOLDER}/")]
-for path in dict.fromkeys(FROM_ROOT):
+TARGETS = {path: os.path.relpath(PROJECT / path, RUN_FOLDER) for path in FROM_ROOT}
+# A stage's output that is asked for by itself brings the catalogue, without which the run can't be opened. It is no
+# input of the stage: another catalogue makes no store again. A file that is forced is left to Snakemake.
+OF_STAGES = {path for each in stages.STAGES.values() for path in expand(each.path(), batch=BATCHES)}
+FORCED = re.compile("-[fRUOP].*|--(force|forcerun|until|omit-from|prioritize)(=.*)?")
+if not any(map(FORCED.fullmatch, sys.argv[1:])):
+    TARGETS |= {path: path for path in sys.argv[1:] if path in OF_STAGES}
+for name, path in TARGETS.items():
 
     rule:
         name:
-            path
+            name
         input:
-            os.path.relpath(PROJECT / path, RUN_FOLDER),
+            path,
+            ["catalogue.csv"] if path in OF_STAGES else [],
 
 
 localrules:

@@ -54,6 +54,11 @@ def unknown_target(path: str, known: Iterable[str], notes: Sequence[str] = ()) -
     return "\n".join([f"no target {path}{hint}", *(f"  {note}" for note in notes)])
 
 
+def end_at_signals() -> None:
+    """From now on SIGTERM ends this process as Ctrl-C does. Snakemake waits for jobs, of which none is started yet."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
 def catch_signals() -> None:
     """From now on Ctrl-C and SIGTERM end the jobs, and then the run. Jobs ignore Ctrl-C themselves (`shell.prefix`)."""
 
@@ -88,9 +93,8 @@ def finish(folder: str, object_pages: int) -> None:
         if isinstance(thread, threading.Timer):
             thread.cancel()
     if handler := LogHandler.current:
-        if handler.hears:
-            logger.info(None, extra={"reached": (reached := threading.Event())})
-            reached.wait(10)  # until the handler, in its own thread, has counted all jobs
+        logger.info(None, extra={"reached": (reached := threading.Event())})
+        reached.wait(10)  # until the handler, in its own thread, has counted all jobs
         handler.stop()
         if handler.interrupted:
             return logger.warning(INTERRUPTED)
@@ -98,7 +102,11 @@ def finish(folder: str, object_pages: int) -> None:
         _write_page(folder, object_pages, handler)
     places = ("index.html", "tables", "figures", "rejected.csv", "reports")
     found = [place for place in places if Path(folder, place).exists()]
-    for line in [*summary(folder), f"{folder}: {', '.join(found) or 'no table or report yet'}"]:
+    try:
+        lines = summary(folder)
+    except Exception as error:  # a table that was changed, and what to do
+        lines = [one_line_error(error)]
+    for line in [*lines, f"{folder}: {', '.join(found) or 'no table or report yet'}"]:
         logger.warning(line)
     if handler and handler.estimate:  # with --quiet Snakemake does not say which jobs there are
         failed = f", {len(handler.failures)} failed" if handler.failures else ""

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from palpate.dataset.checks import CHECKS
-from palpate.store.contract import CONTRACT, SYMBOLS
+from palpate.store.contract import CONTRACT, DIMENSIONS, SYMBOLS
 
 PROJECT = Path(__file__).parents[2]
 LONGEST_DEFAULT = 40  # characters
@@ -44,10 +44,11 @@ def dataset_tables() -> dict[str, str]:
         for stage, store in CONTRACT.items()
         for name, spec in store.arrays.items()
     ]
+    symbols = [(symbol, ", ".join(DIMENSIONS[symbol]), counts) for symbol, counts in SYMBOLS.items()]
     checks = [(name, check.measures, f"{check.limit:.3g}") for name, check in CHECKS.items()]
     return {
         "contract": _table(("store", "array", "shape", "type", "unit", "meaning"), arrays),
-        "symbols": _table(("symbol", "counts"), SYMBOLS.items()),
+        "symbols": _table(("symbol", "dimension", "counts"), symbols),
         "checks": _table(("check", "measures", "limit"), checks),
     }
 

@@ -20,6 +20,7 @@ settings = dict(snakemake.params.grasps)
 mjcf_files = settings.pop("hand")
 sensor = replace(DIGIT, **snakemake.params.sensor)  # its lights and gel play no part in grasps
 robot = hand.from_mjcf(*snakemake.input.hand, sensor.gel_face) if mjcf_files else hand.allegro(sensor.gel_face)
+grasp.check_hand(robot, settings["timestep"], settings["max_penetration"])
 surface = store.open(snakemake.input.surface)
 made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}}
 made_from = provenance.combine(made_with, provenance.of_meshes(meshes), surface.made)

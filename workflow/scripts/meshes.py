@@ -5,7 +5,7 @@ meshes/<batch>/<object>/visual.glb       full resolution, materials and textures
                         mesh.json        faces, repairs made, scale: docs/meshes.md
                 made_from.json          what they were made from
                 manifest.json           sizes and checksums of all these files
-                .facts.json             of each object what the summary of a run says
+meshes/<batch>.facts.json                of each object what the summary of a run says, and its shape
 rejected/meshes/<batch>.csv              object, stage, reason
 """
 
@@ -27,6 +27,7 @@ objects = {each.object: each._replace(checksum=catalogue.checksum(sources / each
 with (
     atomic_write(snakemake.output.meshes) as batch,
     atomic_write(snakemake.output.rejected, checksum=True) as rejected,
+    atomic_write(snakemake.output.facts) as of_objects,
 ):
     batch.mkdir()
 
@@ -52,7 +53,7 @@ with (
 
     facts, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)
-    (batch / mesh.FACTS).write_text(json.dumps(facts) + "\n")
+    of_objects.write_text(json.dumps(facts) + "\n")
     read = ((each.object, each.checksum, each.up, each.scale, each.turn) for each in objects.values())
     made_from = provenance.combine({"mesh": settings}, sources=provenance.sources_digest(read))
     (batch / provenance.RECORD).write_text(json.dumps(made_from, sort_keys=True) + "\n")

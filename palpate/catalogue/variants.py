@@ -1,0 +1,100 @@
+"""Files that show one object: textured and plain, simplified, as collision hulls, in several formats.
+
+mug/textured.obj  mug/collision.obj  mug/visual.ply       one object, taken from textured.obj
+mug.obj  mug_vhacd.obj  mug_low.stl                       one object, taken from mug.obj
+visual/mug.dae  collision/mug.stl                         one object, taken from visual/mug.dae
+"""
+
+import os
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+# Words in names of files that say which view of an object a file has, by how much it is the object as it looks.
+VISUAL, WHOLE, SIMPLIFIED, COLLISION = range(4)
+WORDS = {
+    VISUAL: "textured texture visuals? vis render(ed)? colou?red",
+    WHOLE: "models? mesh(es)? object scan original normali[sz]ed full raw high lod0 res poly",
+    SIMPLIFIED: r"non.?textured untextured simplified simple decimated decim low reduced watertight lod\d+",
+    COLLISION: "collisions? collider coll? convex hulls? v.?hacd coacd decomp(osed|osition)? phys(ics)?",
+}
+# These tell objects apart, too (a low table, the hull of a boat): they count beside a file without them only.
+AMBIGUOUS = re.compile(r"models?|mesh(es)?|object|scan|full|raw|high|low|simple|convex|hulls?|col|vis|res|poly")
+_WORD = "|".join(f"(?P<w{rank}>{'|'.join(words.split())})" for rank, words in WORDS.items())
+_LAST = re.compile(rf"(?:^|[-_. ]+|(?<=[a-z])(?=[A-Z]))(?i:{_WORD})(?P<number>[-_. ]*\d+)?$")
+_FIRST = re.compile(r"^(?i:(?P<w0>textured|visual)|(?P<w3>collision|v.?hacd|coacd))[-_. ]+(?=.)")
+
+
+class Variant(NamedTuple):
+    """What a path says. object: its folders and stem without such words; the stem is empty if there is nothing else.
+
+    rank: of `WORDS`. plain: it has no such words. sure: it has one that tells no objects apart.
+    """
+
+    object: tuple[str, ...]
+    rank: int
+    plain: bool
+    sure: bool
+
+
+def variant(path: str) -> Variant:
+    """What a path without its suffix says of the file."""
+    *folders, stem = path.split("/")
+    stem, ranks, sure = _strip(stem)
+    kept = []
+    for folder in folders:
+        rest, of_folder, _ = _strip(folder)
+        if rest or {VISUAL, COLLISION}.isdisjoint(of_folder):
+            kept.append(folder)
+        else:
+            ranks, sure = [*ranks, *of_folder], True
+    worst, best = max(ranks, default=WHOLE), min(ranks, default=WHOLE)
+    stem = "" if kept and stem == kept[-1] else stem
+    return Variant((*kept, stem), worst if worst > WHOLE else best, not ranks, sure)
+
+
+def _strip(stem: str) -> tuple[str, list[int], bool]:
+    """A stem without `WORDS`, the ranks of these, and whether one of them tells no objects apart."""
+    ranks, sure = [], False
+    while match := _LAST.search(stem) or _FIRST.search(stem):
+        words = match.groupdict()
+        rank = next(rank for rank in WORDS if words.get(f"w{rank}"))
+        if words.get("number") and rank != COLLISION:
+            break  # mesh_1 and mesh_2 are two objects; hulls are numbered
+        sure |= not AMBIGUOUS.fullmatch(words[f"w{rank}"].lower())
+        ranks.append(rank)
+        stem = stem[: match.start()] + stem[match.end() :]
+    return stem, ranks, sure
+
+
+def is_general(name: str) -> bool:
+    """Whether the name of a folder or a file, without suffix, says nothing of the object: `textured`, `meshes`."""
+    return not _strip(name)[0]
+
+
+def is_collision(path: str) -> bool:
+    """Whether a mesh file is one to collide with, by its name or a folder's."""
+    return variant(os.path.splitext(path)[0]).rank == COLLISION
+
+
+def of_one_object(paths: Sequence[str]) -> Iterable[list[int]]:
+    """Positions of the paths, without suffixes, of each object, the best of `WORDS` first."""
+    found = [variant(path) for path in paths]
+    groups: dict[tuple[str, ...], list[int]] = defaultdict(list)
+    for position, each in enumerate(found):
+        groups[each.object].append(position)
+    for key, group in list(groups.items()):
+        if key[-1] and not any(found[each].plain or found[each].sure for each in group):
+            for each in groups.pop(key):
+                groups[tuple(paths[each].split("/"))].append(each)
+    in_folder = defaultdict(list)
+    for key in groups:
+        in_folder[key[:-1]].append(key)
+    for folder, keys in in_folder.items():  # hulls that are named for nothing, beside one object
+        hulls = groups.get((*folder, ""), ())
+        are_hulls = all(found[each].rank == COLLISION for each in hulls)
+        if len(keys) == 2 and are_hulls and any(found[each].sure for each in hulls):
+            (other,) = (key for key in keys if key[-1])
+            groups[other] += groups.pop((*folder, ""))
+    return (sorted(group, key=lambda each: found[each].rank) for group in groups.values())
