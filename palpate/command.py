@@ -195,7 +195,7 @@ COMMANDS = {
         "--format": {
             "choices": ("webdataset", "parquet", "zarr"),
             "default": "webdataset",
-            "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them; Zarr as xarray opens it",
+            "help": "tar shards; Parquet and images, for load_dataset of Hugging Face; Zarr, for xarray",
         },
         "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
         "--license": {"default": "unknown", "help": "of the data, by its SPDX name, as CC-BY-4.0 (https://spdx.org/licenses)"},
