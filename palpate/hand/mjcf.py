@@ -27,8 +27,6 @@ OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
 CLOSED = 0.005  # m between the middles of two gels that face each other, which no open hand has
 ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
-OF_A_PAIR = 1 << 30
-MESH_FILES = ".stl", ".obj", ".msh"  # that MuJoCo reads
 GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
@@ -121,13 +119,8 @@ def _urdf(root: ElementTree.Element, path: Path) -> mujoco.MjSpec:
     settings = root.find("mujoco/compiler")
     if settings is None:
         settings = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
-    hidden = settings.get("discardvisual", "true") == "true"  # by default only what collides is drawn
-    for link in root.iter("link"):
-        for visual in link.findall("visual"):
-            mesh = visual.find("geometry/mesh")
-            if hidden or (mesh is not None and Path(mesh.get("filename", "")).suffix.lower() not in MESH_FILES):
-                link.remove(visual)
-    for mesh in root.iter("mesh"):
+    shown = settings.get("discardvisual") == "false"  # by default visual meshes aren't read
+    for mesh in root.iter("mesh") if shown else root.iterfind(".//collision/geometry/mesh"):
         file = _urdf_mesh(path, settings.get("meshdir", ""), mesh.get("filename", ""))
         if file is None:
             raise ConfigError(f"{path}: no mesh {mesh.get('filename')!r} here, in a folder above, or in the `meshdir`")
@@ -178,10 +171,12 @@ class _Reader:
         geoms = [geom for geom in geoms if solid[geom] or bits[geom]]
         self._check_turns()
         coupled = Couplings(model, self.numbers)
-        for joint, limits in zip(self.joints, coupled.range, strict=True):
+        for joint, limits, *driven in zip(
+            self.joints, coupled.range, coupled.driver, coupled.coefficients, strict=True
+        ):
             if np.isnan(limits).any():
                 raise ValueError(f"joint {joint[4]!r} has no range: give it one")
-            joint[3] = limits
+            joint[3], joint[5:] = limits, driven
         given = description["sensors"]
         if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
             raise ConfigError(f"{self.source}: sensors: {twice[0]} is named twice")
@@ -201,12 +196,9 @@ class _Reader:
             [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors],
             np.clip(model.qpos0[model.jnt_qposadr[self.numbers]], *coupled.range.T),
             self._anchor(description, geoms),
-            joint_driver=coupled.driver,
-            joint_coupling=coupled.coefficients,
-            excluded_links=self._excluded(),
-            paired_geoms=self._paired(geoms),
         )
-        return replace(read, open_joint_positions=self._open(description.get("open"), read))
+        opened = self._open(description.get("open"), read)
+        return replace(read, open_joint_positions=opened, colliding_pairs=self._colliding(read, geoms))
 
     def _find(self, kind: str, name: str) -> int:
         """The number of a body or a site that the description of the sensors names."""
@@ -229,16 +221,18 @@ class _Reader:
     def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
         """(J,) joint positions of the open hand; those that are not given are at the reference, or follow."""
         names, start = list(hand.joint_names), hand.open_joint_positions.copy()
-        if isinstance(given, Sequence) and len(given) != len(names):
-            counts = f"{len(given)} joint positions, the hand has {len(names)} joints"
-            raise ConfigError(f"{self.source}: `open` has {counts}: {', '.join(names)}")
-        given = dict(enumerate(given)) if isinstance(given, Sequence) else given or {}
-        if unknown := [joint for joint in given if isinstance(joint, str) and joint not in names]:
+        if isinstance(given, Sequence):
+            if len(given) != len(names):
+                counts = f"{len(given)} joint positions, the hand has {len(names)} joints"
+                raise ConfigError(f"{self.source}: `open` has {counts}: {', '.join(names)}")
+            given = dict(zip(names, given, strict=True))
+        given = given or {}
+        if unknown := [name for name in given if name not in names]:
             raise ConfigError(f"{self.source}: `open`: no joint {unknown[0]!r}, but {', '.join(names)}")
-        given = {names.index(joint) if isinstance(joint, str) else joint: value for joint, value in given.items()}
-        start[[*given]] = [*given.values()]
+        joints = [names.index(name) for name in given]
+        start[joints] = [*given.values()]
         start = hand.follow(start)
-        for joint, position in given.items():
+        for joint, position in zip(joints, given.values(), strict=True):
             low, high = hand.joint_range[joint]
             if not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
                 limits = f"{names[joint]!r}, {low:g} to {high:g}: give radians, of slides metres"
@@ -249,17 +243,18 @@ class _Reader:
                 raise ConfigError(f"{self.source}: `open`: {followed}: give {driver!r} alone")
         return hand.follow(np.clip(start, *hand.joint_range.T))
 
-    def _excluded(self) -> np.ndarray:
-        """(P, 2) pairs of links that the model says do not collide."""
-        bodies = np.stack([self.model.exclude_signature >> 16, self.model.exclude_signature & 0xFFFF], axis=-1)
-        of_hand = [pair for pair in bodies.tolist() if all(body in self.link_of_body for body in pair)]
-        return np.array([[self.link_of_body[body] for body in pair] for pair in of_hand], dtype=int).reshape(-1, 2)
-
-    def _paired(self, geoms: list[int]) -> np.ndarray:
-        """(P, 2) pairs of these geoms that the model says do collide."""
-        pairs = np.stack([self.model.pair_geom1, self.model.pair_geom2], axis=-1).tolist()
-        of_hand = [[geoms.index(geom) for geom in pair] for pair in pairs if set(pair) <= set(geoms)]
-        return np.array(of_hand, dtype=int).reshape(-1, 2)
+    def _colliding(self, hand: Hand, geoms: list[int]) -> np.ndarray:
+        """Those of a hand's (P, 2) `colliding_pairs` that a bit of the one's contype and the other's conaffinity lets
+        collide and no `exclude` forbids, and each `pair`, as MuJoCo has it. geoms: the model's numbers of the hand's.
+        """
+        model, body = self.model, self.model.geom_bodyid[geoms]
+        meets = (model.geom_contype[geoms, None] & model.geom_conaffinity[geoms]) != 0
+        excluded = np.isin((body[:, None] << 16) + body, model.exclude_signature)
+        meets = (meets | meets.T) & ~(excluded | excluded.T)
+        pairs = [pair for pair in hand.colliding_pairs.tolist() if meets[*pair]]
+        named = np.stack([model.pair_geom1, model.pair_geom2], axis=-1).tolist()
+        pairs += [sorted(geoms.index(geom) for geom in pair) for pair in named if set(pair) <= set(geoms)]
+        return np.unique(np.array(pairs, dtype=int).reshape(-1, 2), axis=0)
 
     def _add_link(self, name: str, parent: int, position: np.ndarray, rotation: np.ndarray) -> int:
         while name == "world" or any(name == link[0] for link in self.links):  # names of bodies of the simulation
@@ -344,11 +339,12 @@ class _Reader:
         position, rotation = self.origin_of_body[body] + model.geom_pos[geom], _rotation(model.geom_quat[geom])
         material = model.geom_matid[geom]
         colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        bits = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
-        if bits == (0, 0) and geom in {*model.pair_geom1, *model.pair_geom2}:
-            bits = OF_A_PAIR, 0  # it meets the object, but of the hand only its partner
+        collides = model.geom_contype[geom] | model.geom_conaffinity[geom] or geom in (
+            *model.pair_geom1,
+            *model.pair_geom2,
+        )
         size, link = model.geom_size[geom], self.link_of_body[body]
-        return link, kind, size, position, rotation, colour, bits != (0, 0), vertices, faces, *bits
+        return link, kind, size, position, rotation, colour, bool(collides), vertices, faces
 
 
 def _rotation(quaternions: np.ndarray) -> np.ndarray:
