@@ -68,11 +68,11 @@ class PenetrationCheck:
 
     def distance(self, poses: np.ndarray, points: np.ndarray, geoms: np.ndarray) -> np.ndarray:
         """Signed distances (N,) of points (N, 3) to the geoms of numbers (N,); poses: (G, 4, 4) of all."""
-        found = np.empty(len(points))
+        distances = np.empty(len(points))
         for geom in np.unique(geoms):
             mine = geoms == geom
-            found[mine] = self.hand.geom_distance(geom, points[mine], poses[geom])
-        return found
+            distances[mine] = self.hand.geom_distance(geom, points[mine], poses[geom])
+        return distances
 
     def require_open(self, max_penetration: float) -> None:
         """Raises ConfigError, naming the links, if the open hand is deeper in itself than metres."""

@@ -152,15 +152,15 @@ class Couplings:
             violated, slopes = self._violated(at)
             return violated, slopes[:, others]
 
-        found = least_squares(
+        solution = least_squares(
             lambda values: np.append(constraints(values)[0], weight * (values - rest)),
             np.clip(at[others], low, high),
             lambda values: np.vstack([constraints(values)[1], np.diag(weight)]),
             (low, high),
             **SOLVER,
         ).x
-        violated, slopes = constraints(found)  # what the weights have left of it
-        return np.clip(found - np.linalg.lstsq(slopes, violated, rcond=1e-6)[0], low, high)
+        violated, slopes = constraints(solution)  # what the weights have left of it
+        return np.clip(solution - np.linalg.lstsq(slopes, violated, rcond=1e-6)[0], low, high)
 
     def _off(self, positions: np.ndarray) -> np.ndarray:
         """Largest violation at each row of joint positions (N, J): (N,) rad or m."""

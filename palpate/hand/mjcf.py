@@ -56,14 +56,14 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
     """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link, and
     for gels that touch each other in the open hand."""
-    hand, found = from_mjcf(model, sensors, sensor.gel_face), []
+    hand, messages = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face
         where = f"{1e3 * abs(off):.0f} mm {'beyond' if off > 0 else 'behind'} its gel's face"
         where = where if distance else "not on its x"
         where += f", out of the range of {sensor.name}" * bool(distance > sensor.range)
         message = f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
-        found += [message] * bool(abs(off) > ON_GEL)
+        messages += [message] * bool(abs(off) > ON_GEL)
     position, rotation = hand.sensor_frames(hand.forward(np.eye(4), hand.open_joint_positions))
     out = rotation[:, :, 0]
     faces = position + sensor.gel_face * out
@@ -71,25 +71,22 @@ def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[
         apart = np.linalg.norm(faces[other] - faces[one])
         if apart < CLOSED and out[one] @ out[other] < 0:
             names = f"{hand.sensor_names[one]!r} and {hand.sensor_names[other]!r}"
-            found.append(f"{sensors}: the open hand is closed: gels {names} touch ({1e3 * apart:.0f} mm): give `open`")
-    return found
+            messages.append(
+                f"{sensors}: the open hand is closed: gels {names} touch ({1e3 * apart:.0f} mm): give `open`"
+            )
+    return messages
 
 
 def model_files(path: Path | str) -> list[Path]:
-    """The existing files that a model file names, sorted: meshes, textures, included models.
-
-    None if it can't be read.
-    """
+    """Existing files that a model file reads, sorted: meshes, textures, included models; none if it can't be read."""
     path = Path(path)
     try:
         files = {Path(name) for name in mujoco.mju_getXMLDependencies(str(path))}
         root = ElementTree.parse(path).getroot()
-    except (mujoco.FatalError, ElementTree.ParseError, OSError):
+        if root.tag == "robot":
+            files |= {Path(mesh.file) for mesh in _urdf(root, path).meshes}
+    except (mujoco.FatalError, ElementTree.ParseError, OSError, ValueError):
         return []
-    if root.tag == "robot":
-        meshdir = next((element.get("meshdir", "") for element in root.iterfind("mujoco/compiler")), "")
-        names = [element.get("filename", "") for element in root.iter("mesh")]
-        files |= set(filter(None, (_urdf_mesh(path, meshdir, name) for name in names)))
     return sorted(file for file in files if file.is_file() and file != path)
 
 
@@ -147,6 +144,8 @@ class _Reader:
         self.model, self.path, self.source = model, path, source
         if model.nbody == 1:
             raise ValueError("the model has no body: give the file that includes it, if it is a part of one")
+        self.collides = (model.geom_contype | model.geom_conaffinity) != 0  # or drawn only
+        self.collides[[*model.pair_geom1, *model.pair_geom2]] = True
         self.links, self.joints, self.numbers = [], [], []
         self.link_of_body: dict[int, int] = {}
         self.origin_of_body: dict[int, np.ndarray] = {}  # the body frame's origin in its link's frame
@@ -165,18 +164,15 @@ class _Reader:
             if model.body_parentid[body] in self.link_of_body:
                 self._add_body(body)
         geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in self.link_of_body]
-        solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
         # Planes and fields of the world, and those that are drawn only, are no part of a hand.
-        bits = (model.geom_contype | model.geom_conaffinity) * model.geom_bodyid
-        geoms = [geom for geom in geoms if solid[geom] or bits[geom]]
+        solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
+        geoms = [geom for geom in geoms if solid[geom] or (self.collides[geom] and model.geom_bodyid[geom])]
         self._check_turns()
         coupled = Couplings(model, self.numbers)
-        for joint, limits, *driven in zip(
-            self.joints, coupled.range, coupled.driver, coupled.coefficients, strict=True
-        ):
-            if np.isnan(limits).any():
+        for number, joint in enumerate(self.joints):
+            joint[3], joint[5:] = coupled.range[number], [coupled.driver[number], coupled.coefficients[number]]
+            if np.isnan(joint[3]).any():
                 raise ValueError(f"joint {joint[4]!r} has no range: give it one")
-            joint[3], joint[5:] = limits, driven
         given = description["sensors"]
         if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
             raise ConfigError(f"{self.source}: sensors: {twice[0]} is named twice")
@@ -339,12 +335,8 @@ class _Reader:
         position, rotation = self.origin_of_body[body] + model.geom_pos[geom], _rotation(model.geom_quat[geom])
         material = model.geom_matid[geom]
         colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        collides = model.geom_contype[geom] | model.geom_conaffinity[geom] or geom in (
-            *model.pair_geom1,
-            *model.pair_geom2,
-        )
         size, link = model.geom_size[geom], self.link_of_body[body]
-        return link, kind, size, position, rotation, colour, bool(collides), vertices, faces
+        return link, kind, size, position, rotation, colour, self.collides[geom], vertices, faces
 
 
 def _rotation(quaternions: np.ndarray) -> np.ndarray:

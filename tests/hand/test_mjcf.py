@@ -173,8 +173,8 @@ def test_files_that_a_model_names_are_found(tmp_path):
     )
     (tmp_path / "finger.xml").write_text('<mujoco><asset><mesh file="b.stl"/></asset></mujoco>')
     (tmp_path / "hand.urdf").write_text(
-        '<robot name="hand"><mujoco><compiler meshdir="my parts"/></mujoco><link name="palm"><visual>'
-        '<geometry><mesh filename="package://hand/a.stl"/></geometry></visual></link></robot>'
+        '<robot name="hand"><mujoco><compiler meshdir="my parts"/></mujoco><link name="palm"><collision>'
+        '<geometry><mesh filename="package://hand/a.stl"/></geometry></collision></link></robot>'
     )
     (tmp_path / "broken.xml").write_text("<mujoco>")
     found = {
