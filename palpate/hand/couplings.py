@@ -35,7 +35,7 @@ class Couplings:
         self.reference, count = model.qpos0[self.positions], len(joints)
         self.driver, self.coefficients = np.arange(count), np.tile(np.eye(5)[1], (count, 1))
         self.range = np.where(model.jnt_limited[self.joints, None], model.jnt_range[self.joints], np.nan)
-        stiffness = model.jnt_stiffness.reshape(model.njnt, -1)[self.joints, 0]
+        stiffness = model.jnt_stiffness[self.joints]
         self.weight = np.where(stiffness > 0, SPRING * np.sqrt(stiffness), REFERENCE)
         self.rest = np.where(stiffness > 0, model.qpos_spring[self.positions], self.reference)
         self.tendons = np.zeros((0, count))  # rows that are 0 for joint positions less their reference
