@@ -167,8 +167,6 @@ class _Reader:
         # Planes and fields of the world, and those that are drawn only, are no part of a hand.
         solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
         geoms = [geom for geom in geoms if solid[geom] or (self.collides[geom] and model.geom_bodyid[geom])]
-        if not self.joints:
-            raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
         self._check_turns()
         coupled = Couplings(model, self.numbers)
         for number, joint in enumerate(self.joints):
@@ -184,6 +182,8 @@ class _Reader:
             raise ConfigError(
                 f"{self.source}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
             )
+        if not self.joints:
+            raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
         read = Hand.from_rows(
             self.path.stem,
             self.links,

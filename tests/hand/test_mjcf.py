@@ -386,7 +386,10 @@ def test_meshes_of_a_urdf_are_found_as_ros_names_them(tmp_path):
         ((CASES / "hand-no-body/hand.xml").read_text(), "is a part of a model: give the file that includes it"),
         ((CASES / "hand-no-body/geoms_only.xml").read_text(), "the model has no body: give the file that includes it"),
         ("<mujoco>", "can't be read as XML"),
-        ('<mujoco><worldbody><body><geom size=".02"/></body></worldbody></mujoco>', "no joint is below the palm"),
+        (
+            '<mujoco><worldbody><body><geom size=".02"/><site name="a"/></body></worldbody></mujoco>',
+            "no joint is below the palm",
+        ),
         ('<robot xmlns:xacro="http://wiki.ros.org/xacro"><xacro:include/></robot>', "is a template: expand it"),
     ],
 )
