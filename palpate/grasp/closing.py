@@ -22,7 +22,6 @@ LEAST_TIMESTEP, LARGEST_TIMESTEP = 1e-5, 0.01
 # Largest kinetic energy of a hand at rest over the servos' work. With more its contacts chatter, or it swings; a finger
 # that slips off an edge has 0.2.
 SETTLED = 0.01
-ALL_BITS = {"contype": 2**31 - 1, "conaffinity": 2**31 - 1}  # of the object, which every colliding geom meets
 NO_WORK = 1e-6  # J: smaller work counts as this, as where the hand starts at its targets
 
 # By default the engine writes its warnings to a file in the working folder.
@@ -94,7 +93,7 @@ class GraspSimulation:
             name = patch_name(number)
             mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
-            body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1, **ALL_BITS)
+            body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1)
         for contact in (*spec.geoms, *spec.pairs):
             contact.solref = [2 * timestep, 1]
             contact.solimp = SOLIMP

@@ -133,7 +133,7 @@ class Grasper:
 def check_hand(hand: Hand, timestep: float = TIMESTEP, max_penetration: float = MAX_PENETRATION) -> None:
     """Raises ConfigError, as a run should before its first object, for a hand or settings that no object can be grasped
     with: an open hand whose links penetrate each other, or what can't be simulated."""
-    PenetrationCheck(hand).require_open(max_penetration)
+    PenetrationCheck(hand, trimesh.Trimesh()).require_open(max_penetration)
     try:
         GraspSimulation(hand, [], timestep)
     except ValueError as error:

@@ -43,18 +43,15 @@ class PenetrationCheck:
     none of their points can be inside.
     """
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh | None = None):
-        """mesh: the object's visual mesh, every face; it need not be closed. Without it there is no object."""
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh):
+        """mesh: the object's visual mesh, every face; it need not be closed."""
         self.hand = hand
-        triangles = np.zeros((0, 3, 3)) if mesh is None else np.asarray(mesh.triangles, dtype=float)
-        self.triangles = split_long_edges(triangles, COARSE)
+        self.triangles = split_long_edges(np.asarray(mesh.triangles, dtype=float), COARSE)
         corners = self.triangles.transpose(1, 2, 0).copy()  # along axes of length 3 numpy's minimum is slow
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
         self.geoms = np.flatnonzero(hand.geom_collides)
         self.surfaces = {geom: geom_surface(hand, geom) for geom in self.geoms}
         self.half = np.array([np.abs(surface).max(axis=(0, 1)) for surface in self.surfaces.values()])  # of their boxes
-        meets = hand.meets()[self.geoms[:, None], self.geoms]
-        self.pairs = self.geoms[np.argwhere(np.triu(meets, k=1))]  # (P, 2) of geoms that may collide
 
     def in_object(self, link_pose: np.ndarray) -> float:
         """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4).
@@ -71,18 +68,18 @@ class PenetrationCheck:
 
     def distance(self, poses: np.ndarray, points: np.ndarray, geoms: np.ndarray) -> np.ndarray:
         """Signed distances (N,) of points (N, 3) to the geoms of numbers (N,); poses: (G, 4, 4) of all."""
-        found = np.empty(len(points))
+        distances = np.empty(len(points))
         for geom in np.unique(geoms):
             mine = geoms == geom
-            found[mine] = self.hand.geom_distance(geom, points[mine], poses[geom])
-        return found
+            distances[mine] = self.hand.geom_distance(geom, points[mine], poses[geom])
+        return distances
 
     def require_open(self, max_penetration: float) -> None:
         """Raises ConfigError, naming the links, if the open hand is deeper in itself than metres."""
         links = self.hand.forward(np.eye(4), self.hand.open_joint_positions)
         if self.in_itself(links) <= max(0.0, max_penetration):
             return
-        depth, pair = max((self.in_itself(links, pair[None]), tuple(pair)) for pair in self.pairs)
+        depth, pair = max((self.in_itself(links, pair[None]), tuple(pair)) for pair in self.hand.colliding_pairs)
         one, other = (self.hand.link_names[self.hand.geom_link[geom]] for geom in pair)
         raise ConfigError(
             f"hand {self.hand.name!r}: open, its links {one!r} and {other!r} are {1e3 * depth:.1f} mm deep in each"
@@ -99,7 +96,7 @@ class PenetrationCheck:
         surfaces = {
             geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()
         }
-        pairs = self.pairs[~self.separated(poses, surfaces)] if pairs is None else pairs
+        pairs = self.hand.colliding_pairs[~self.separated(poses, surfaces)] if pairs is None else pairs
         pairs = np.concatenate([pairs, pairs[:, ::-1]])
         triangles = np.concatenate([np.zeros((0, 3, 3)), *(surfaces[inner] for inner in pairs[:, 0])])
         outer = np.repeat(pairs[:, 1], [len(surfaces[inner]) for inner in pairs[:, 0]])
@@ -121,7 +118,7 @@ class PenetrationCheck:
         own = np.arange(count)
         own_low, own_high = low[own, :, own][:, :, None], high[own, :, own][:, :, None]
         separates = ((low >= own_high) | (high <= own_low)).any(axis=1)
-        index = np.searchsorted(self.geoms, self.pairs)
+        index = np.searchsorted(self.geoms, self.hand.colliding_pairs)
         return separates[index[:, 0], index[:, 1]] | separates[index[:, 1], index[:, 0]]
 
     def meeting(self, low: np.ndarray, high: np.ndarray, among: np.ndarray | slice = slice(None)) -> np.ndarray:

@@ -37,7 +37,7 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
         for number, each in enumerate(finger["links"]):
             links.append((f"{name}_{number}", link, each["position"], roll_pitch_yaw(*each["turn"])))
             link = len(links) - 1
-            joints.append((link, each["axis"], False, each["range"]))
+            joints.append((link, each["axis"], False, each["range"], links[link][0], len(joints), (0, 1, 0, 0, 0)))
             add_box(link, each["centre"], each["half_extents"], "link")
         links.append((f"{name}_tip", link, (0, 0, finger["tip"]), np.eye(3)))
         tip = len(links) - 1

@@ -4,7 +4,7 @@ Nothing here knows an engine: touch simulation and renderer read the same `Hand`
 """
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -17,8 +17,7 @@ DURATION = 0.4  # s that a hand takes to close
 GEL_SEARCH = 0.05  # m in front of a sensor's origin searched for the surface of its link
 # Of `Hand`: attributes that are tuples; types of arrays that are not float, by the second word of their names.
 TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names", "joint_names")
-DTYPES = {"slides": bool, "collides": bool, "thumb": bool}
-DTYPES |= dict.fromkeys(("parent", "link", "driver", "contype", "conaffinity"), int)
+DTYPES = {"parent": int, "link": int, "driver": int, "slides": bool, "collides": bool, "thumb": bool}
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
 
@@ -42,6 +41,9 @@ class Hand:
     joint_axis: np.ndarray  # (J, 3) unit vector in the link's frame
     joint_slides: np.ndarray  # (J,) bool: a slide, whose positions are metres; the others are hinges: radians
     joint_range: np.ndarray  # (J, 2)
+    joint_names: tuple[str, ...]  # J
+    joint_driver: np.ndarray  # (J,) int: the joint that it follows; itself if it has a servo
+    joint_coupling: np.ndarray  # (J, 5): its position as factors of powers 0 to 4 of its driver's
     geom_link: np.ndarray  # (G,) int
     geom_kind: tuple[str, ...]  # G of GEOM_KINDS
     geom_size: np.ndarray  # (G, 3)
@@ -58,28 +60,9 @@ class Hand:
     sensor_rotation: np.ndarray  # (s, 3, 3) in the link's frame; x out of the gel, y columns, z rows
     open_joint_positions: np.ndarray  # (J,)
     palm_anchor: np.ndarray  # (4, 4) in the palm frame: on the palm's face, x its outward normal, z to the fingers
-    # With defaults, which stores have that were made before these were kept.
-    joint_names: tuple[str, ...] = ()  # J, by default those of their links
-    joint_driver: np.ndarray | None = None  # (J,) int: the joint that it follows; itself, with a servo, by default
-    joint_coupling: np.ndarray | None = None  # (J, 5): its position by powers 0 to 4 of its driver's
-    geom_contype: np.ndarray | None = None  # (G,) int: which others it meets (`meets`); by default all that collide
-    geom_conaffinity: np.ndarray | None = None  # (G,) int
-    excluded_links: np.ndarray | None = None  # (P, 2) int: pairs that never collide, besides the adjacent
-    paired_geoms: np.ndarray | None = None  # (P, 2) int: pairs that collide whatever their links and bits
+    colliding_pairs: np.ndarray  # (P, 2) int: geoms that collide with each other, the lower number first
 
     def __post_init__(self) -> None:
-        count, collides = len(self.joint_link), np.asarray(self.geom_collides, dtype=int)
-        for name, default in {
-            "joint_names": tuple(self.link_names[link] for link in self.joint_link),
-            "joint_driver": np.arange(count),
-            "joint_coupling": np.tile([0.0, 1, 0, 0, 0], (count, 1)),
-            "geom_contype": collides,
-            "geom_conaffinity": collides,
-            "excluded_links": np.zeros((0, 2), dtype=int),
-            "paired_geoms": np.zeros((0, 2), dtype=int),
-        }.items():
-            if getattr(self, name) is None or name == "joint_names" and not self.joint_names:
-                object.__setattr__(self, name, default)
         if not len(self.sensor_link) or self.sensor_thumb.all():
             thumb = " but the thumb's" * bool(len(self.sensor_link))
             raise ValueError(
@@ -109,19 +92,24 @@ class Hand:
             )
 
     @classmethod
-    def from_rows(cls, name: str, links, joints, geoms, sensors, open_joint_positions, palm_anchor, **others) -> "Hand":
-        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order; of joints and
-        geoms those with defaults may be left out. others: further attributes by their names."""
+    def from_rows(cls, name: str, links, joints, geoms, sensors, open_joint_positions, palm_anchor) -> "Hand":
+        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order.
+
+        All its geoms that collide do so with each other, but for those of `adjacent_links`.
+        """
         values, names = {}, [field.name for field in fields(cls)]
         for group, rows in {"link": links, "joint": joints, "geom": geoms, "sensor": sensors}.items():
             group_names = [each for each in names if each.startswith(f"{group}_")]
-            values |= zip(group_names, zip(*rows, strict=True) if rows else [()] * len(group_names), strict=False)
+            values |= zip(group_names, zip(*rows, strict=True) if rows else [()] * len(group_names), strict=True)
         for each in names:
             if each in values and each not in TUPLES:
                 values[each] = np.array(values[each], dtype=DTYPES.get(each.split("_")[1], float))
         values["joint_range"] = values["joint_range"].reshape(-1, 2)
-        values |= {"open_joint_positions": np.array(open_joint_positions), "palm_anchor": palm_anchor, **others}
-        return cls(name, **values)
+        values |= {"open_joint_positions": np.array(open_joint_positions), "palm_anchor": palm_anchor}
+        hand = cls(name, **values, colliding_pairs=np.zeros((0, 2), dtype=int))
+        collides, link = hand.geom_collides, hand.geom_link
+        meets = collides & collides[:, None] & ~hand.adjacent_links()[link, link[:, None]]
+        return replace(hand, colliding_pairs=np.argwhere(np.triu(meets, k=1)))
 
     def length(self) -> float:
         """Metres of the open hand's largest extent along an axis of the palm, by geoms' centres and sensors, or of a
@@ -220,7 +208,7 @@ class Hand:
         return nearest
 
     def adjacent_links(self) -> np.ndarray:
-        """Which links never collide with each other, (L, L) bool: rigidly joined, one joint apart, or `excluded_links`.
+        """Which links never collide with each other, (L, L) bool: rigidly joined, or one joint apart.
 
         Links without colliding geoms (the joints of a body with several hinges) don't count between others.
         """
@@ -241,18 +229,7 @@ class Hand:
             if before >= 0:
                 pair = (rigid == first)[:, None] & (rigid == rigid[before])[None, :]
                 adjacent |= pair | pair.T
-        one, other = self.excluded_links.T
-        adjacent[one, other] = adjacent[other, one] = True
         return adjacent
-
-    def meets(self) -> np.ndarray:
-        """Which geoms collide with each other, (G, G) bool: a bit of the contype of one is in the other's conaffinity,
-        as MuJoCo has it, and their links may collide, or they are `paired_geoms`."""
-        bits = (self.geom_contype[:, None] & self.geom_conaffinity) != 0
-        meets = (bits | bits.T) & ~self.adjacent_links()[self.geom_link[:, None], self.geom_link]
-        one, other = self.paired_geoms.T
-        meets[one, other] = meets[other, one] = True
-        return meets
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """The hand as named arrays (strings as bytes), such as HDF5 and Zarr store; see `from_arrays`."""
@@ -274,8 +251,6 @@ class Hand:
         """The hand of `to_arrays`; arrays: any mapping of array-likes (an HDF5 group); prefix: of the names in it."""
         values = {}
         for field in fields(cls):
-            if field.default is not MISSING and f"{prefix}{field.name}" not in arrays:
-                continue
             value = np.asarray(arrays[f"{prefix}{field.name}"][...])
             if field.name in ("geom_vertices", "geom_faces"):
                 ends = np.cumsum(np.asarray(arrays[f"{prefix}{field.name}_count"][...]))

@@ -27,8 +27,6 @@ OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
 CLOSED = 0.005  # m between the middles of two gels that face each other, which no open hand has
 ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
-OF_A_PAIR = 1 << 30
-MESH_FILES = ".stl", ".obj", ".msh"  # that MuJoCo reads
 GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
@@ -58,14 +56,14 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
     """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link, and
     for gels that touch each other in the open hand."""
-    hand, found = from_mjcf(model, sensors, sensor.gel_face), []
+    hand, messages = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face
         where = f"{1e3 * abs(off):.0f} mm {'beyond' if off > 0 else 'behind'} its gel's face"
         where = where if distance else "not on its x"
         where += f", out of the range of {sensor.name}" * bool(distance > sensor.range)
         message = f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
-        found += [message] * bool(abs(off) > ON_GEL)
+        messages += [message] * bool(abs(off) > ON_GEL)
     position, rotation = hand.sensor_frames(hand.forward(np.eye(4), hand.open_joint_positions))
     out = rotation[:, :, 0]
     faces = position + sensor.gel_face * out
@@ -73,25 +71,22 @@ def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[
         apart = np.linalg.norm(faces[other] - faces[one])
         if apart < CLOSED and out[one] @ out[other] < 0:
             names = f"{hand.sensor_names[one]!r} and {hand.sensor_names[other]!r}"
-            found.append(f"{sensors}: the open hand is closed: gels {names} touch ({1e3 * apart:.0f} mm): give `open`")
-    return found
+            messages.append(
+                f"{sensors}: the open hand is closed: gels {names} touch ({1e3 * apart:.0f} mm): give `open`"
+            )
+    return messages
 
 
 def model_files(path: Path | str) -> list[Path]:
-    """The existing files that a model file names, sorted: meshes, textures, included models.
-
-    None if it can't be read.
-    """
+    """Existing files that a model file reads, sorted: meshes, textures, included models; none if it can't be read."""
     path = Path(path)
     try:
         files = {Path(name) for name in mujoco.mju_getXMLDependencies(str(path))}
         root = ElementTree.parse(path).getroot()
-    except (mujoco.FatalError, ElementTree.ParseError, OSError):
+        if root.tag == "robot":
+            files |= {Path(mesh.file) for mesh in _urdf(root, path).meshes}
+    except (mujoco.FatalError, ElementTree.ParseError, OSError, ValueError):
         return []
-    if root.tag == "robot":
-        meshdir = next((element.get("meshdir", "") for element in root.iterfind("mujoco/compiler")), "")
-        names = [element.get("filename", "") for element in root.iter("mesh")]
-        files |= set(filter(None, (_urdf_mesh(path, meshdir, name) for name in names)))
     return sorted(file for file in files if file.is_file() and file != path)
 
 
@@ -121,13 +116,8 @@ def _urdf(root: ElementTree.Element, path: Path) -> mujoco.MjSpec:
     settings = root.find("mujoco/compiler")
     if settings is None:
         settings = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
-    hidden = settings.get("discardvisual", "true") == "true"  # by default only what collides is drawn
-    for link in root.iter("link"):
-        for visual in link.findall("visual"):
-            mesh = visual.find("geometry/mesh")
-            if hidden or (mesh is not None and Path(mesh.get("filename", "")).suffix.lower() not in MESH_FILES):
-                link.remove(visual)
-    for mesh in root.iter("mesh"):
+    shown = settings.get("discardvisual") == "false"  # by default visual meshes aren't read
+    for mesh in root.iter("mesh") if shown else root.iterfind(".//collision/geometry/mesh"):
         file = _urdf_mesh(path, settings.get("meshdir", ""), mesh.get("filename", ""))
         if file is None:
             raise ConfigError(f"{path}: no mesh {mesh.get('filename')!r} here, in a folder above, or in the `meshdir`")
@@ -154,6 +144,8 @@ class _Reader:
         self.model, self.path, self.source = model, path, source
         if model.nbody == 1:
             raise ValueError("the model has no body: give the file that includes it, if it is a part of one")
+        self.collides = (model.geom_contype | model.geom_conaffinity) != 0  # or drawn only
+        self.collides[[*model.pair_geom1, *model.pair_geom2]] = True
         self.links, self.joints, self.numbers = [], [], []
         self.link_of_body: dict[int, int] = {}
         self.origin_of_body: dict[int, np.ndarray] = {}  # the body frame's origin in its link's frame
@@ -172,16 +164,15 @@ class _Reader:
             if model.body_parentid[body] in self.link_of_body:
                 self._add_body(body)
         geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in self.link_of_body]
-        solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
         # Planes and fields of the world, and those that are drawn only, are no part of a hand.
-        bits = (model.geom_contype | model.geom_conaffinity) * model.geom_bodyid
-        geoms = [geom for geom in geoms if solid[geom] or bits[geom]]
+        solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
+        geoms = [geom for geom in geoms if solid[geom] or (self.collides[geom] and model.geom_bodyid[geom])]
         self._check_turns()
         coupled = Couplings(model, self.numbers)
-        for joint, limits in zip(self.joints, coupled.range, strict=True):
-            if np.isnan(limits).any():
+        for number, joint in enumerate(self.joints):
+            joint[3], joint[5:] = coupled.range[number], [coupled.driver[number], coupled.coefficients[number]]
+            if np.isnan(joint[3]).any():
                 raise ValueError(f"joint {joint[4]!r} has no range: give it one")
-            joint[3] = limits
         given = description["sensors"]
         if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
             raise ConfigError(f"{self.source}: sensors: {twice[0]} is named twice")
@@ -201,12 +192,9 @@ class _Reader:
             [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors],
             np.clip(model.qpos0[model.jnt_qposadr[self.numbers]], *coupled.range.T),
             self._anchor(description, geoms),
-            joint_driver=coupled.driver,
-            joint_coupling=coupled.coefficients,
-            excluded_links=self._excluded(),
-            paired_geoms=self._paired(geoms),
         )
-        return replace(read, open_joint_positions=self._open(description.get("open"), read))
+        opened = self._open(description.get("open"), read)
+        return replace(read, open_joint_positions=opened, colliding_pairs=self._colliding(read, geoms))
 
     def _find(self, kind: str, name: str) -> int:
         """The number of a body or a site that the description of the sensors names."""
@@ -229,16 +217,18 @@ class _Reader:
     def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
         """(J,) joint positions of the open hand; those that are not given are at the reference, or follow."""
         names, start = list(hand.joint_names), hand.open_joint_positions.copy()
-        if isinstance(given, Sequence) and len(given) != len(names):
-            counts = f"{len(given)} joint positions, the hand has {len(names)} joints"
-            raise ConfigError(f"{self.source}: `open` has {counts}: {', '.join(names)}")
-        given = dict(enumerate(given)) if isinstance(given, Sequence) else given or {}
-        if unknown := [joint for joint in given if isinstance(joint, str) and joint not in names]:
+        if isinstance(given, Sequence):
+            if len(given) != len(names):
+                counts = f"{len(given)} joint positions, the hand has {len(names)} joints"
+                raise ConfigError(f"{self.source}: `open` has {counts}: {', '.join(names)}")
+            given = dict(zip(names, given, strict=True))
+        given = given or {}
+        if unknown := [name for name in given if name not in names]:
             raise ConfigError(f"{self.source}: `open`: no joint {unknown[0]!r}, but {', '.join(names)}")
-        given = {names.index(joint) if isinstance(joint, str) else joint: value for joint, value in given.items()}
-        start[[*given]] = [*given.values()]
+        joints = [names.index(name) for name in given]
+        start[joints] = [*given.values()]
         start = hand.follow(start)
-        for joint, position in given.items():
+        for joint, position in zip(joints, given.values(), strict=True):
             low, high = hand.joint_range[joint]
             if not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
                 limits = f"{names[joint]!r}, {low:g} to {high:g}: give radians, of slides metres"
@@ -249,17 +239,18 @@ class _Reader:
                 raise ConfigError(f"{self.source}: `open`: {followed}: give {driver!r} alone")
         return hand.follow(np.clip(start, *hand.joint_range.T))
 
-    def _excluded(self) -> np.ndarray:
-        """(P, 2) pairs of links that the model says do not collide."""
-        bodies = np.stack([self.model.exclude_signature >> 16, self.model.exclude_signature & 0xFFFF], axis=-1)
-        of_hand = [pair for pair in bodies.tolist() if all(body in self.link_of_body for body in pair)]
-        return np.array([[self.link_of_body[body] for body in pair] for pair in of_hand], dtype=int).reshape(-1, 2)
-
-    def _paired(self, geoms: list[int]) -> np.ndarray:
-        """(P, 2) pairs of these geoms that the model says do collide."""
-        pairs = np.stack([self.model.pair_geom1, self.model.pair_geom2], axis=-1).tolist()
-        of_hand = [[geoms.index(geom) for geom in pair] for pair in pairs if set(pair) <= set(geoms)]
-        return np.array(of_hand, dtype=int).reshape(-1, 2)
+    def _colliding(self, hand: Hand, geoms: list[int]) -> np.ndarray:
+        """Those of a hand's (P, 2) `colliding_pairs` that a bit of the one's contype and the other's conaffinity lets
+        collide and no `exclude` forbids, and each `pair`, as MuJoCo has it. geoms: the model's numbers of the hand's.
+        """
+        model, body = self.model, self.model.geom_bodyid[geoms]
+        meets = (model.geom_contype[geoms, None] & model.geom_conaffinity[geoms]) != 0
+        excluded = np.isin((body[:, None] << 16) + body, model.exclude_signature)
+        meets = (meets | meets.T) & ~(excluded | excluded.T)
+        pairs = [pair for pair in hand.colliding_pairs.tolist() if meets[*pair]]
+        named = np.stack([model.pair_geom1, model.pair_geom2], axis=-1).tolist()
+        pairs += [sorted(geoms.index(geom) for geom in pair) for pair in named if set(pair) <= set(geoms)]
+        return np.unique(np.array(pairs, dtype=int).reshape(-1, 2), axis=0)
 
     def _add_link(self, name: str, parent: int, position: np.ndarray, rotation: np.ndarray) -> int:
         while name == "world" or any(name == link[0] for link in self.links):  # names of bodies of the simulation
@@ -344,11 +335,8 @@ class _Reader:
         position, rotation = self.origin_of_body[body] + model.geom_pos[geom], _rotation(model.geom_quat[geom])
         material = model.geom_matid[geom]
         colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        bits = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
-        if bits == (0, 0) and geom in {*model.pair_geom1, *model.pair_geom2}:
-            bits = OF_A_PAIR, 0  # it meets the object, but of the hand only its partner
         size, link = model.geom_size[geom], self.link_of_body[body]
-        return link, kind, size, position, rotation, colour, bits != (0, 0), vertices, faces, *bits
+        return link, kind, size, position, rotation, colour, self.collides[geom], vertices, faces
 
 
 def _rotation(quaternions: np.ndarray) -> np.ndarray:

@@ -24,13 +24,11 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
     """The hand as an `MjSpec`; bodies, joints and servos are named as their links.
 
     Joints without a servo follow their drivers by equalities. The palm is fixed to the world; its `pos` and `quat` in
-    the model may change between simulations. `stiffness`: the
-    servos' gain in N m / rad (of slides / ARM^2, N / m), critically damped against the armature. Links have the density
-    of water, or less where the servos couldn't stop them in time (`LARGEST_INERTIA`); a user's masses, gains and
-    armature play no part.
+    the model may change between simulations. `stiffness`: the servos' gain in N m / rad (of slides / ARM^2, N / m),
+    critically damped against the armature. Links have the density of water, or less where the servos couldn't stop them
+    in time (`LARGEST_INERTIA`); a user's masses, gains and armature play no part.
 
-    Omitted are geoms that are only drawn, and contacts between joined links, whose boxes overlap at the hinge, and
-    between those that the hand excludes. Geoms meet each other by their own bits.
+    Omitted are geoms that are only drawn, and contacts of the hand with itself that are not in its `colliding_pairs`.
     """
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
@@ -53,8 +51,6 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
                 armature=at_arm(ARMATURE, slides),
                 damping=[at_arm(DAMPING, slides), 0, 0],
             )
-    for one, other in np.argwhere(np.triu(hand.adjacent_links(), k=1)):
-        spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
     names = [hand.link_names[link] for link in hand.joint_link]
     armature = np.where(hand.joint_slides, at_arm(ARMATURE, True), ARMATURE)
     moved = hand.follow_slopes(hand.open_joint_positions) ** 2 * armature[:, None]
@@ -77,11 +73,23 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         )
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
-    for pair in hand.paired_geoms:
-        one, other = (f"hand_geom_{geom}" for geom in pair)
-        spec.add_pair(geomname1=one, geomname2=other, condim=1)
+    add_exclusions(spec, hand)
     lighten(spec, hand.open_joint_positions)
     return spec
+
+
+def add_exclusions(spec: mujoco.MjSpec, hand: Hand) -> None:
+    """Exclude from contact two links unless each geom of one collides with each of the other, and adjacent ones; their
+    pairs that do collide are named one by one."""
+    count = np.bincount(hand.geom_link[hand.geom_collides], minlength=len(hand.link_names))
+    colliding = np.zeros((len(count), len(count)), dtype=int)
+    links = hand.geom_link[hand.colliding_pairs]
+    np.add.at(colliding, tuple(links.T), 1)
+    excluded = (colliding + colliding.T < np.outer(count, count)) | hand.adjacent_links()
+    for one, other in np.argwhere(np.triu(excluded, k=1)):
+        spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
+    for one, other in hand.colliding_pairs[excluded[tuple(links.T)]]:
+        spec.add_pair(geomname1=f"hand_geom_{one}", geomname2=f"hand_geom_{other}", condim=1)
 
 
 def at_arm(constant: float, slides: bool) -> float:
@@ -114,8 +122,6 @@ def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -
         pos=hand.geom_position[geom],
         quat=quaternion(hand.geom_rotation[geom]),
         condim=1,
-        contype=hand.geom_contype[geom],
-        conaffinity=hand.geom_conaffinity[geom],
         **mesh,
     )
 

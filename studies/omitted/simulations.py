@@ -138,4 +138,4 @@ class EveryPair(PenetrationCheck):
 
     def separated(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
         """No pair counts as separated: (P,) bool, all False."""
-        return np.zeros(len(self.pairs), dtype=bool)
+        return np.zeros(len(self.hand.colliding_pairs), dtype=bool)

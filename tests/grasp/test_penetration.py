@@ -114,7 +114,7 @@ def test_self_check_misses_no_pair(hand):
         links = hand.forward(np.eye(4), rng.uniform(*hand.joint_range.T))
         poses = hand.geom_poses(links)
         brute = 0.0
-        for one, other in check.pairs:
+        for one, other in hand.colliding_pairs:
             for inner, outer in ((one, other), (other, one)):
                 surface = geom_surface(hand, inner) @ poses[inner, :3, :3].T + poses[inner, :3, 3]
                 found = depth_in(lambda p, g=outer, at=poses[outer]: hand.geom_distance(g, p, at), surface)

@@ -173,8 +173,8 @@ def test_files_that_a_model_names_are_found(tmp_path):
     )
     (tmp_path / "finger.xml").write_text('<mujoco><asset><mesh file="b.stl"/></asset></mujoco>')
     (tmp_path / "hand.urdf").write_text(
-        '<robot name="hand"><mujoco><compiler meshdir="my parts"/></mujoco><link name="palm"><visual>'
-        '<geometry><mesh filename="package://hand/a.stl"/></geometry></visual></link></robot>'
+        '<robot name="hand"><mujoco><compiler meshdir="my parts"/></mujoco><link name="palm"><collision>'
+        '<geometry><mesh filename="package://hand/a.stl"/></geometry></collision></link></robot>'
     )
     (tmp_path / "broken.xml").write_text("<mujoco>")
     found = {
@@ -314,7 +314,7 @@ def test_geoms_meet_each_other_as_mujoco_says(tmp_path):
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "hand.xml"))
     expected = {(one - 1, other - 1) for one, other in contacts_at_rest(model)}  # without the plane
     hand = from_mjcf(tmp_path / "hand.xml", {"sensors": [{"body": "b1"}]})
-    found = {tuple(pair) for pair in np.argwhere(np.triu(hand.meets(), 1)).tolist()}
+    found = {tuple(pair) for pair in hand.colliding_pairs.tolist()}
     assert 5 < len(expected) < 36 and (2, 3) in expected
     assert found == expected
     assert contacts_at_rest(build_spec(hand).compile()) == expected
@@ -346,11 +346,6 @@ def test_joint_names_are_the_files_and_come_with_the_hand(model_file, tmp_path):
     arrays = hand.to_arrays()
     assert arrays["joint_names"].tolist()[0] == b"left_turn"
     assert Hand.from_arrays(arrays).joint_names == hand.joint_names
-    # A store of before has none of the newer arrays, and a hand whose joints are called as their links.
-    newer = ("joint_names", "joint_driver", "joint_coupling", "geom_contype", "geom_conaffinity", "excluded_links")
-    old = Hand.from_arrays({name: array for name, array in arrays.items() if name not in (*newer, "paired_geoms")})
-    assert old.joint_names == ("left_0", "left", "left_end", "right", "right_end") and len(old.drivers) == 5
-    np.testing.assert_array_equal(old.meets(), hand.meets())
 
 
 @pytest.mark.parametrize("sensors", ["sensors", "sensors_palm_base", "sensors_palm_world"])
@@ -391,6 +386,10 @@ def test_meshes_of_a_urdf_are_found_as_ros_names_them(tmp_path):
         ((CASES / "hand-no-body/hand.xml").read_text(), "is a part of a model: give the file that includes it"),
         ((CASES / "hand-no-body/geoms_only.xml").read_text(), "the model has no body: give the file that includes it"),
         ("<mujoco>", "can't be read as XML"),
+        (
+            '<mujoco><worldbody><body><geom size=".02"/><site name="a"/></body></worldbody></mujoco>',
+            "no joint is below the palm",
+        ),
         ('<robot xmlns:xacro="http://wiki.ros.org/xacro"><xacro:include/></robot>', "is a template: expand it"),
     ],
 )
