@@ -3,8 +3,6 @@
 import base64
 import io
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +18,8 @@ from palpate.mesh.load import load
 from palpate.mesh.part import GREY
 from palpate.named_files import companions
 from palpate.vision import Renderer, looking_at
-from tests.mesh import imported
+from tests.mesh.reading import CASES, assert_same, by_blender, measured, triangles
 
-CASES = Path(__file__).parents[1] / "cases"
 BOX = trimesh.creation.box(bounds=[[0, 0, 0], [1, 1, 1]])
 CORNERS, FACES = BOX.vertices.astype("<f4"), BOX.faces.astype("<u4")
 PLATE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "<f4")  # of two triangles, (0, 1, 2) and (0, 2, 3)
@@ -282,24 +279,14 @@ def written(tmp_path_factory):
     suffixes = dict(zip(SHAPES, (".gltf", ".glb") * len(SHAPES), strict=False))
     paths = {name: make().write(folder / f"{name}{suffixes[name]}") for name, make in SHAPES.items()}
     paths |= {name: next((CASES / f"gltf-{name}").glob("*.gltf")) for name in SHAPED}
-    out = folder / "imported.json"
-    command = [sys.executable, imported.__file__, str(out), *map(str, paths.values())]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    measured = json.loads(out.read_text())
-    return {name: (path, measured[str(path)]) for name, path in paths.items()}
+    return dict(zip(paths, zip(paths.values(), by_blender(*paths.values()), strict=True), strict=True))
 
 
 @pytest.mark.parametrize("name", [*SHAPES, *SHAPED])
 def test_a_shape_is_that_of_blenders_import(written, name):
     path, expected = written[name]
     loaded, problems = load(path)
-    corner = np.concatenate([part.vertices[part.faces] for part in loaded.parts])
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    size = np.linalg.norm(np.subtract(*expected["box"]))
-    np.testing.assert_allclose([corner.min(axis=(0, 1)), corner.max(axis=(0, 1))], expected["box"], atol=1e-5 * size)
-    assert np.linalg.norm(cross, axis=1).sum() / 2 == pytest.approx(expected["area"], rel=1e-5)
-    volume = np.einsum("ij,ij->", corner[:, 0], cross) / 6
-    assert volume == pytest.approx(expected["volume"], rel=1e-4, abs=1e-5 * size**3)
+    assert_same(measured(triangles(loaded.parts)), expected, 1e-6)
     assert problems == {} and loaded.unit == 1
 
 
