@@ -10,6 +10,7 @@ Numbers of sections are those of the specification (Khronos, glTF 2.0). All mate
 """
 
 import base64
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,13 +18,13 @@ from urllib.parse import unquote_to_bytes
 
 import numpy as np
 import trimesh
-from PIL.Image import Image, new
+from PIL.Image import Image, fromarray
 from scipy.spatial.transform import Rotation
-from trimesh.util import unique_name
 from trimesh.visual.gloss import specular_to_pbr
 from trimesh.visual.material import PBRMaterial
 
 from palpate.mesh import files, part
+from palpate.mesh.polygons import strip_triangles
 from palpate.named_files import gltf_tree
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # 3.6.2.2
@@ -38,16 +39,11 @@ REMEDIES = {
     DRACO: "import it into Blender, which reads it, and export it without compression",
     **dict.fromkeys(MESHOPT, "write it without, e.g. gltfpack -i in.glb -o out.glb -noq"),
 }
-# Those that are read, and those that change neither shape nor base colour.
-KNOWN = {
-    *("KHR_mesh_quantization", "KHR_node_visibility", "EXT_mesh_gpu_instancing", "MSFT_lod", "KHR_texture_transform"),
-    *("KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds", "KHR_materials_variants"),
-    *("KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness", "KHR_materials_transmission"),
-    *("KHR_materials_emissive_strength", "KHR_materials_clearcoat", "KHR_materials_sheen", "KHR_materials_specular"),
-    *("KHR_materials_ior", "KHR_materials_volume", "KHR_materials_iridescence", "KHR_materials_anisotropy"),
-    *("KHR_materials_dispersion", "KHR_materials_diffuse_transmission", "KHR_lights_punctual", "KHR_xmp_json_ld"),
-    *("KHR_animation_pointer", "EXT_lights_image_based"),
-}
+# Extensions that are read, and those that change neither shape nor base colour.
+KNOWN = re.compile(
+    "KHR_(mesh_quantization|node_visibility|(materials|texture|lights|animation|xmp)_.*)"
+    "|EXT_(mesh_gpu_instancing|(texture|lights)_.*)"
+)
 Tree = dict[str, Any]
 
 
@@ -68,20 +64,20 @@ def read(path: Path, named: files.Files) -> part.Loaded:
 class _Document:
     def __init__(self, path: Path, named: files.Files):
         self.files, data = named, path.read_bytes()
-        binary = data[:4] == b"glTF"
-        if binary != (path.suffix.lower() == ".glb"):
-            raise ValueError(f"it is {'' if binary else 'not '}binary glTF: give it the right suffix, if it is whole")
-        old = binary and data[4:8] != b"\2\0\0\0"
+        binary = path.suffix.lower() == ".glb"
+        if binary and data[:4] != b"glTF":
+            raise ValueError("it is not binary glTF: rename it to .gltf, if it is whole")
+        old = binary and data[4:8] != b"\2\0\0\0"  # a container of glTF 1.0, whose parts lie otherwise
         self.tree, start = ({"asset": {"version": data[4]}}, 0) if old else gltf_tree(path)
         version = self.tree.get("asset", {}).get("version", "of no version")
         if str(version).split(".")[0] != "2":
             raise ValueError(f"it is glTF {version}, not 2.0: convert it, e.g. gltf-pipeline -i old.gltf -o new.gltf")
         for name in self.tree.get("extensionsRequired", []):
-            if name not in KNOWN:
+            if not KNOWN.fullmatch(name):
                 raise _not_read("it", name)
         self.nodes = self.tree.get("nodes", [])
-        end = start + int.from_bytes(data[start - 8 : start - 4], "little") if len(data) >= start else 0
-        self.chunk = memoryview(data)[start:end] if binary else None
+        length = int.from_bytes(data[start - 8 : start - 4], "little")
+        self.chunk = memoryview(data)[start : start + length] if binary else None
         self.buffers = [self._buffer(*numbered) for numbered in enumerate(self.tree.get("buffers", []))]
         self.size = len(data) + sum(len(buffer) for buffer in self.buffers if buffer is not None)
         self.worlds = self._worlds()
@@ -90,14 +86,14 @@ class _Document:
     def _buffer(self, number: int, given: Tree) -> bytes | memoryview | None:
         """A buffer's content; None if it stands for what is compressed (EXT_meshopt_compression), and has none."""
         if "uri" in given:
-            data = self._named(given["uri"])
+            data = self._uri(given["uri"])
         else:
             data = None if number or any(_extension(given, name).get("fallback") for name in MESHOPT) else self.chunk
         if data is not None and len(data) < given["byteLength"]:
             raise ValueError(f"cut off: buffer {number} says {given['byteLength']:,} bytes, and has {len(data):,}")
         return data
 
-    def _named(self, uri: str) -> bytes:
+    def _uri(self, uri: str) -> bytes:
         if uri[:5].lower() != "data:":
             return self.files.read(uri)
         head, _, body = uri.partition(",")
@@ -117,12 +113,8 @@ class _Document:
 
     def _elements(self, name: str, given: Tree, count: int, component: int, width: int) -> np.ndarray:
         """Elements (count, width) in a buffer view; given: an accessor, or the indices or values of a sparse one."""
-        data, start, dtype = (
-            self._view(given["bufferView"]),
-            given.get("byteOffset", 0),
-            np.dtype(COMPONENTS[component]),
-        )
-        size = dtype.itemsize * width
+        start, dtype = given.get("byteOffset", 0), np.dtype(COMPONENTS[component])
+        data, size = self._view(given["bufferView"]), dtype.itemsize * width
         stride = self.tree["bufferViews"][given["bufferView"]].get("byteStride", size)
         if count < 0 or start < 0 or stride <= 0 or (count and start + (count - 1) * stride + size > len(data)):
             raise ValueError(f"{name} says {count:,} elements, and has {len(data):,} bytes at most")
@@ -161,36 +153,36 @@ class _Document:
                 raise ValueError(f"node {number} is a child of two nodes")
             worlds[number] = above @ _local(self.nodes[number])
             waiting += [(child, worlds[number]) for child in self.nodes[number].get("children", [])]
-        if len(worlds) < len(self.nodes):
-            raise ValueError(
-                f"nodes {sorted(set(range(len(self.nodes))) - set(worlds))} are below themselves (a cycle)"
-            )
+        if cycle := sorted(set(range(len(self.nodes))) - set(worlds)):
+            raise ValueError(f"nodes {cycle} are below themselves (a cycle)")
         return worlds
 
     def parts(self) -> list[trimesh.Trimesh]:
-        """What the default scene, else the first, else every root node shows, in the order of the nodes' names."""
+        """What the default scene, else the first, else every root node shows."""
         scenes, meshes = self.tree.get("scenes"), self.tree.get("meshes", [])
-        waiting, shown = list(scenes[self.tree.get("scene", 0)].get("nodes", []) if scenes else self.roots), set()
+        waiting = list(scenes[self.tree.get("scene", 0)].get("nodes", []) if scenes else self.roots)
+        shown: dict[int, Tree] = {}
         for number in waiting:  # which grows on the way
-            if number not in shown and _extension(self.nodes[number], "KHR_node_visibility").get("visible", True):
-                shown.add(number)
+            if _extension(self.nodes[number], "KHR_node_visibility").get("visible", True):
+                shown[number] = self.nodes[number]
                 waiting += self.nodes[number].get("children", [])
-        names = _named([node.get("name", str(number)) for number, node in enumerate(self.nodes)])
-        places = [(mesh, place) for mesh, given in enumerate(meshes) for place in range(len(given["primitives"]))]
-        titles = dict(zip(places, _named([meshes[mesh].get("name", "GLTF") for mesh, _ in places]), strict=True))
         return [
             made
-            for number in sorted(shown, key=names.__getitem__)
-            if (mesh := self.nodes[number].get("mesh")) is not None
-            for place, primitive in enumerate(meshes[mesh]["primitives"])
-            for made in self._primitive(titles[mesh, place], primitive, meshes[mesh], self.nodes[number], number)
+            for number, node in shown.items()
+            for place, primitive in enumerate(meshes[node["mesh"]]["primitives"] if "mesh" in node else [])
+            for made in self._primitive(number, place, primitive)
         ]
 
-    def _primitive(self, name: str, primitive: Tree, mesh: Tree, node: Tree, number: int) -> list[trimesh.Trimesh]:
-        """The parts that a node makes of a primitive: one, or one an instance."""
+    def _primitive(self, number: int, place: int, primitive: Tree) -> list[trimesh.Trimesh]:
+        """The parts that a node makes of a primitive of its mesh: one, or one an instance."""
+        node = self.nodes[number]
+        mesh = self.tree["meshes"][node["mesh"]]
+        name = mesh.get("name", str(node["mesh"])) + (f"_{place}" if place else "")
         attributes, mode = primitive["attributes"], primitive.get("mode", TRIANGLES)
         used = {**attributes, "indices": primitive.get("indices", attributes.get("POSITION", 0))}.values()
-        if _extension(primitive, DRACO) and not all("bufferView" in self.tree["accessors"][each] for each in used):
+        if _extension(primitive, DRACO) and not all(
+            "bufferView" in self.tree["accessors"][accessor] for accessor in used
+        ):
             raise _not_read(f"mesh {name}", DRACO)
         if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
             self.files.note(name, "points or lines, which have no surface: left out")
@@ -211,7 +203,11 @@ class _Document:
 
         vertices, normals, colours = values("POSITION").astype(float), values("NORMAL"), values("COLOR_0")
         order = self.accessor(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
-        faces = _triangles(name, mode, order)
+        if mode != TRIANGLES:
+            order = order[strip_triangles(order, [len(order)], mode == FAN)[0]]
+        elif len(order) % 3:
+            raise ValueError(f"mesh {name} has {len(order):,} corners of triangles, not a multiple of 3")
+        faces = order.reshape(-1, 3)
         material, where = None, None
         if "material" in primitive:
             material, where = self.material(primitive["material"], frozenset(attributes))
@@ -228,13 +224,11 @@ class _Document:
                 if normals is not None:
                     turned = np.einsum("...ji,...j->...i", np.linalg.pinv(linear), normals)
             mirrored = np.median(np.linalg.det(linear)) < 0
+            given = {"uv": None if uv is None else _moved(uv, *where.transform), "wrap": where and where.wrap}
+            turn = slice(None, None, -1 if mirrored else 1)
             placed.append(
-                part.make_part(
-                    name, points, faces[:, ::-1] if mirrored else faces, material, normals=turned,
-                    uv=None if uv is None else _moved(uv, *where.transform), colours=colours,
-                    wrap=where and where.wrap,
-                )
-            )  # fmt: skip
+                part.make_part(name, points, faces[:, turn], material, normals=turned, colours=colours, **given)
+            )
         return placed
 
     def _placements(self, node: Tree, number: int, attributes: Tree, count: int) -> list[np.ndarray]:
@@ -265,22 +259,21 @@ class _Document:
         if not unlit and "KHR_materials_pbrSpecularGlossiness" in given.get("extensions", {}):
             base, shine = "diffuseTexture", "specularGlossinessTexture"
             factors = _extension(given, "KHR_materials_pbrSpecularGlossiness")
-        keys = (base,) if unlit else (base, shine, "normalTexture", "emissiveTexture", "occlusionTexture")
+        keys = (base,) if unlit else (base, shine, "normalTexture", "emissiveTexture")
         infos = {key: info for key in keys if (info := factors.get(key, given.get(key)))}
         where = next((self._where(info) for info in infos.values()), Place())
-        label, pictures, lost = name or f"material {number}", {}, set()
+        label, pictures = name or f"material {number}", {}
         for key, info in reversed(infos.items()):  # the colour last: what follows from its loss is said of a picture
-            follows = files.GREY if key == base else "left out"
+            follows, problem = files.GREY if key == base else "left out", ""
             if self._where(info)[:2] != where[:2]:
-                picture, problem = None, "it lies otherwise than the base colour's"
+                problem = "it lies otherwise than the base colour's"
             elif f"TEXCOORD_{where.number}" not in attributes:
-                picture, problem = None, "a part has no coordinates for it"
-            else:
-                picture, problem = self.picture(info["index"], follows), None
-            if problem and key != "occlusionTexture":  # which is not drawn anyway
+                problem = "a part has no coordinates for it"
+            elif (picture := self.picture(info["index"], follows)) is not None:
+                pictures[key] = picture
+            if problem:
                 self.files.note(f"{label}, {key}", f"{problem}: {follows}")
-            pictures |= {} if picture is None else {key: picture}
-            lost |= {key} if picture is None else set()
+        lost = infos.keys() - pictures.keys()
         if base in lost:
             return part.plain(part.GREY, name), None
         factors = {key: value for key, value in factors.items() if key.endswith("Factor")}
@@ -327,7 +320,7 @@ class _Document:
         if "bufferView" in image:
             data = bytes(self._view(image["bufferView"]))
         else:
-            data = self._named(image["uri"]) if image["uri"][:5].lower() == "data:" else None
+            data = self._uri(image["uri"]) if image["uri"][:5].lower() == "data:" else None
         return self.files.picture(
             image["uri"] if data is None else image.get("name") or f"image {source}", data, follows
         )
@@ -340,27 +333,6 @@ def _not_read(what: str, extension: str) -> ValueError:
 
 def _extension(given: Tree, name: str) -> Tree:
     return given.get("extensions", {}).get(name, {})
-
-
-def _named(titles: list[str]) -> list[str]:
-    """Names, each made unique as trimesh does."""
-    names: dict[str, None] = {}
-    counts: dict[str | None, int] = {}
-    for title in titles:
-        names[unique_name(title, names, counts)] = None
-    return list(names)
-
-
-def _triangles(name: str, mode: int, order: np.ndarray) -> np.ndarray:
-    """Faces (f, 3) of a primitive (3.7.2.1); order (n,): its vertices, one after the other."""
-    if mode == TRIANGLES:
-        if len(order) % 3:
-            raise ValueError(f"mesh {name} has {len(order):,} corners of triangles, not a multiple of 3")
-        return order.reshape(-1, 3)
-    first = np.arange(max(len(order) - 2, 0))
-    odd = first % 2
-    corners = [first, first + 1 + odd, first + 2 - odd] if mode == STRIP else [first + 1, first + 2, 0 * first]
-    return order[np.stack(corners, axis=1)]
 
 
 def _local(node: Tree) -> np.ndarray:
@@ -383,11 +355,8 @@ def _matrices(moved: dict[str, np.ndarray]) -> np.ndarray:
 
 def _moved(uv: np.ndarray, offset: tuple, rotation: float, scale: tuple) -> np.ndarray:
     """Texture coordinates (n, 2), v upwards, after KHR_texture_transform; rotation: anticlockwise, as seen."""
-    if (offset, rotation, scale) == Place().transform:
-        uv = uv.copy()
-    else:
-        cos, sin = np.cos(rotation), np.sin(rotation)
-        uv = uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]]) + np.array(offset)
+    cos, sin = np.cos(rotation), np.sin(rotation)
+    uv = uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]]) + np.array(offset)
     uv[:, 1] = 1.0 - uv[:, 1]
     return uv
 
@@ -395,14 +364,15 @@ def _moved(uv: np.ndarray, offset: tuple, rotation: float, scale: tuple) -> np.n
 def _from_glossy(factors: Tree, pictures: dict[str, Image]) -> Tree:
     """Factors and textures of the metallic and rough material of a glossy one, whose textures are taken out."""
     glossy = {key: pictures.pop(key) for key in ("diffuseTexture", "specularGlossinessTexture") if key in pictures}
-    size = tuple(np.max([picture.size for picture in glossy.values()], axis=0).tolist()) if glossy else (0, 1)
-    glossy, made = {key: picture.convert("RGBA").resize(size) for key, picture in glossy.items()}, {}
-    for top in range(0, size[1], STRIP_ROWS):
-        area = (0, top, size[0], min(top + STRIP_ROWS, size[1]))
-        strip = specular_to_pbr(**factors, **{key: picture.crop(area) for key, picture in glossy.items()})
-        for key, value in strip.items():
-            if isinstance(value, Image):
-                made.setdefault(key, new(value.mode, size)).paste(value, area)
-            else:
-                made[key] = value
-    return made
+    if not glossy:
+        return specular_to_pbr(**factors)
+    width, height = np.max([picture.size for picture in glossy.values()], axis=0).tolist()
+    glossy = {key: picture.convert("RGBA").resize((width, height)) for key, picture in glossy.items()}
+    areas = [(0, top, width, min(top + STRIP_ROWS, height)) for top in range(0, height, STRIP_ROWS)]
+    strips = [
+        specular_to_pbr(**factors, **{key: picture.crop(area) for key, picture in glossy.items()}) for area in areas
+    ]
+    return {
+        key: fromarray(np.concatenate([strip[key] for strip in strips])) if isinstance(value, Image) else value
+        for key, value in strips[0].items()
+    }
