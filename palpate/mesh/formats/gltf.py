@@ -30,14 +30,15 @@ from palpate.named_files import gltf_tree
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # 3.6.2.2
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of a primitive; 0 to 3 are points and lines (3.7.2.1)
+MOVES = ("translation", "rotation", "scale")
 WRAPS = {33071: "clamp", 33648: "mirror"}  # of a sampler; others repeat
 ELEMENTS_A_BYTE = 100  # of the file, at most, of an accessor without data of its own: zeros, or sparse
 STRIP_ROWS = 256  # of a picture that are converted at once: a whole one takes gigabytes as numbers
 CLEAREST = 0.1  # opacity of a material that transmits all light
-DRACO, MESHOPT = "KHR_draco_mesh_compression", ("EXT_meshopt_compression", "KHR_meshopt_compression")
-REMEDIES = {
-    DRACO: "import it into Blender, which reads it, and export it without compression",
-    **dict.fromkeys(MESHOPT, "write it without, e.g. gltfpack -i in.glb -o out.glb -noq"),
+DRACO = "KHR_draco_mesh_compression"
+REMEDIES = {  # of extensions by a word of their names
+    "draco": "import it into Blender, which reads it, and export it without compression",
+    "meshopt": "write it without, e.g. gltfpack -i in.glb -o out.glb -noq",
 }
 # Extensions that are read, and those that change neither shape nor base colour.
 KNOWN = re.compile(
@@ -77,19 +78,18 @@ class _Document:
                 raise _not_read("it", name)
         self.nodes = self.tree.get("nodes", [])
         length = int.from_bytes(data[start - 8 : start - 4], "little")
-        self.chunk = memoryview(data)[start : start + length] if binary else None
+        self.chunk = memoryview(data)[start : start + length] if binary else b""
         self.buffers = [self._buffer(*numbered) for numbered in enumerate(self.tree.get("buffers", []))]
-        self.size = len(data) + sum(len(buffer) for buffer in self.buffers if buffer is not None)
+        self.size = len(data) + sum(map(len, self.buffers))
         self.worlds = self._worlds()
         self.picture, self.material = cache(self._picture), cache(self._material)
 
-    def _buffer(self, number: int, given: Tree) -> bytes | memoryview | None:
-        """A buffer's content; None if it stands for what is compressed (EXT_meshopt_compression), and has none."""
-        if "uri" in given:
-            data = self._uri(given["uri"])
-        else:
-            data = None if number or any(_extension(given, name).get("fallback") for name in MESHOPT) else self.chunk
-        if data is not None and len(data) < given["byteLength"]:
+    def _buffer(self, number: int, given: Tree) -> bytes | memoryview:
+        """A buffer's content; empty if it only stands for what is compressed (EXT_meshopt_compression)."""
+        if "uri" not in given and (number or "extensions" in given):
+            return b""
+        data = self._uri(given["uri"]) if "uri" in given else self.chunk
+        if len(data) < given["byteLength"]:
             raise ValueError(f"cut off: buffer {number} says {given['byteLength']:,} bytes, and has {len(data):,}")
         return data
 
@@ -104,36 +104,33 @@ class _Document:
         """The bytes of a buffer view."""
         view = self.tree["bufferViews"][number]
         buffer, start, length = self.buffers[view["buffer"]], view.get("byteOffset", 0), view["byteLength"]
-        if buffer is None:
-            compressed = [name for name in MESHOPT if _extension(view, name)]
-            raise _not_read("it", *compressed) if compressed else ValueError(f"buffer {view['buffer']} has no data")
+        if not buffer and "extensions" in view:
+            raise _not_read("it", next(iter(view["extensions"])))
         if not 0 <= start <= start + length <= len(buffer):
             raise ValueError(f"cut off: bytes {start:,} to {start + length:,} of a buffer of {len(buffer):,}")
         return memoryview(buffer)[start : start + length]
 
-    def _elements(self, name: str, given: Tree, count: int, component: int, width: int) -> np.ndarray:
+    def _elements(self, given: Tree, count: int, component: int, width: int) -> np.ndarray:
         """Elements (count, width) in a buffer view; given: an accessor, or the indices or values of a sparse one."""
-        start, dtype = given.get("byteOffset", 0), np.dtype(COMPONENTS[component])
-        data, size = self._view(given["bufferView"]), dtype.itemsize * width
-        stride = self.tree["bufferViews"][given["bufferView"]].get("byteStride", size)
-        if count < 0 or start < 0 or stride <= 0 or (count and start + (count - 1) * stride + size > len(data)):
-            raise ValueError(f"{name} says {count:,} elements, and has {len(data):,} bytes at most")
-        return np.ndarray((count, width), dtype, data, start if count else 0, (stride, dtype.itemsize))
+        dtype = np.dtype(COMPONENTS[component])
+        stride = self.tree["bufferViews"][given["bufferView"]].get("byteStride", dtype.itemsize * width)
+        data, start = self._view(given["bufferView"]), given.get("byteOffset", 0)
+        return np.ndarray((count, width), dtype, data, start, (stride, dtype.itemsize))  # raises if it has fewer
 
     def accessor(self, number: int) -> np.ndarray:
         """Elements (count, width) of an accessor as they are stored."""
-        given, name = self.tree["accessors"][number], f"accessor {number}"
+        given = self.tree["accessors"][number]
         count, component, width = given["count"], given["componentType"], WIDTHS[given["type"]]
         if "bufferView" in given:
-            values = self._elements(name, given, count, component, width)
+            values = self._elements(given, count, component, width)
         elif 0 <= count <= ELEMENTS_A_BYTE * self.size:
             values = np.zeros((count, width), COMPONENTS[component])
         else:
-            raise ValueError(f"{name} says {count:,} elements, and the file has {self.size:,} bytes")
-        if "sparse" in given:
-            few, values = given["sparse"], values.copy()
-            places = self._elements(name, few["indices"], few["count"], few["indices"]["componentType"], 1)[:, 0]
-            values[places] = self._elements(name, few["values"], few["count"], component, width)
+            raise ValueError(f"accessor {number} says {count:,} elements, and the file has {self.size:,} bytes")
+        if few := given.get("sparse"):
+            places = self._elements(few["indices"], few["count"], few["indices"]["componentType"], 1)[:, 0]
+            values = values.copy()
+            values[places] = self._elements(few["values"], few["count"], component, width)
         return values
 
     def floats(self, number: int, normalise: bool = False) -> np.ndarray:
@@ -179,14 +176,12 @@ class _Document:
         mesh = self.tree["meshes"][node["mesh"]]
         name = mesh.get("name", str(node["mesh"])) + (f"_{place}" if place else "")
         attributes, mode = primitive["attributes"], primitive.get("mode", TRIANGLES)
-        used = {**attributes, "indices": primitive.get("indices", attributes.get("POSITION", 0))}.values()
-        if _extension(primitive, DRACO) and not all(
-            "bufferView" in self.tree["accessors"][accessor] for accessor in used
-        ):
-            raise _not_read(f"mesh {name}", DRACO)
         if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
             self.files.note(name, "points or lines, which have no surface: left out")
             return []
+        positions = self.tree["accessors"][attributes["POSITION"]]
+        if _extension(primitive, DRACO) and "bufferView" not in positions:
+            raise _not_read(f"mesh {name}", DRACO)
         weights = node.get("weights", mesh.get("weights", []))
 
         def values(key: str) -> np.ndarray | None:
@@ -197,7 +192,7 @@ class _Document:
             for weight, target in zip(weights, primitive.get("targets", []), strict=False):
                 if weight and key in target:
                     total = total.astype(float) + weight * self.floats(target[key], key == "COLOR_0")
-            if len(total) != self.tree["accessors"][attributes["POSITION"]]["count"]:
+            if len(total) != positions["count"]:
                 raise ValueError(f"mesh {name} has {len(total):,} elements of {key}, and not one a position")
             return total
 
@@ -216,6 +211,7 @@ class _Document:
             colours = np.round(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8)
             if colours.shape[1] == 3 or material is None or material.alphaMode in (None, "OPAQUE"):
                 colours = np.column_stack([colours[:, :3], np.full(len(colours), 255, np.uint8)])
+        uv = None if uv is None else _moved(uv, *where.transform)
         placed = []
         for matrix in self._placements(node, number, attributes, len(vertices)):
             linear, turned = matrix[..., :3, :3], None
@@ -223,12 +219,9 @@ class _Document:
                 points = np.einsum("...ij,...j->...i", linear, vertices) + matrix[..., :3, 3]
                 if normals is not None:
                     turned = np.einsum("...ji,...j->...i", np.linalg.pinv(linear), normals)
-            mirrored = np.median(np.linalg.det(linear)) < 0
-            given = {"uv": None if uv is None else _moved(uv, *where.transform), "wrap": where and where.wrap}
-            turn = slice(None, None, -1 if mirrored else 1)
-            placed.append(
-                part.make_part(name, points, faces[:, turn], material, normals=turned, colours=colours, **given)
-            )
+            sides = faces[:, ::-1] if np.median(np.linalg.det(linear)) < 0 else faces  # of what is mirrored
+            given = {"normals": turned, "uv": uv, "colours": colours, "wrap": where and where.wrap}
+            placed.append(part.make_part(name, points, sides, material, **given))
         return placed
 
     def _placements(self, node: Tree, number: int, attributes: Tree, count: int) -> list[np.ndarray]:
@@ -247,8 +240,9 @@ class _Document:
                     total += weight
             return [np.where(total > 0, matrices / np.where(total > 0, total, 1), joints[0])]
         if instancing := _extension(node, "EXT_mesh_gpu_instancing"):
-            moved = {key.lower(): self.floats(accessor) for key, accessor in instancing["attributes"].items()}
-            return list(self.worlds[number] @ _matrices(moved))
+            moved = instancing["attributes"]
+            moved = {key: self.floats(moved[key.upper()]) for key in MOVES if key.upper() in moved}
+            return list(self.worlds[number] @ _matrices(**moved))
         return [self.worlds[number]]
 
     def _material(self, number: int, attributes: frozenset[str]) -> tuple[PBRMaterial, Place | None]:
@@ -294,8 +288,8 @@ class _Document:
                 self.files.note(f"{label}, transmissionTexture", "it is not read: clear all over")
             if made.get("alphaMode", "OPAQUE") == "OPAQUE":  # whose alpha does not count
                 made["baseColorFactor"][3] = 1.0
-                if (picture := made.get("baseColorTexture")) is not None and picture.mode not in ("RGB", "L", "CMYK"):
-                    made["baseColorTexture"] = picture.convert("RGB")
+                if "baseColorTexture" in made:
+                    made["baseColorTexture"] = made["baseColorTexture"].convert("RGB")
             made["baseColorFactor"][3] *= 1 - (1 - CLEAREST) * through
             made["alphaMode"] = "BLEND"
         return PBRMaterial(name=name, **made), where
@@ -317,17 +311,15 @@ class _Document:
             self.files.note(f"texture {number}", f"it has no image: {follows}")
             return None
         image = self.tree["images"][source]
-        if "bufferView" in image:
-            data = bytes(self._view(image["bufferView"]))
-        else:
-            data = self._uri(image["uri"]) if image["uri"][:5].lower() == "data:" else None
-        return self.files.picture(
-            image["uri"] if data is None else image.get("name") or f"image {source}", data, follows
-        )
+        uri = image.get("uri", "data:")
+        if uri[:5].lower() != "data:":
+            return self.files.picture(uri, None, follows)
+        data = bytes(self._view(image["bufferView"])) if "bufferView" in image else self._uri(uri)
+        return self.files.picture(image.get("name") or f"image {source}", data, follows)
 
 
 def _not_read(what: str, extension: str) -> ValueError:
-    remedy = REMEDIES.get(extension, "export it without")
+    remedy = next((remedy for word, remedy in REMEDIES.items() if word in extension), "export it without")
     return ValueError(f"{what} needs the extension {extension}, which is not read: {remedy}")
 
 
@@ -339,17 +331,14 @@ def _local(node: Tree) -> np.ndarray:
     """The matrix (4, 4) from a node to its parent."""
     if "matrix" in node:
         return np.reshape(node["matrix"], (4, 4)).T.astype(float)
-    moved = {key: np.array([node[key]], dtype=float) for key in ("translation", "rotation", "scale") if key in node}
-    return _matrices(moved)[0] if moved else np.eye(4)
+    return _matrices(**{key: [node[key]] for key in MOVES if key in node})[0]
 
 
-def _matrices(moved: dict[str, np.ndarray]) -> np.ndarray:
-    """Matrices (n, 4, 4) of those given of translation (n, 3), rotation (n, 4; w is last) and scale (n, 3)."""
-    matrices = np.tile(np.eye(4), (len(next(iter(moved.values()))), 1, 1))
-    if "rotation" in moved:
-        matrices[:, :3, :3] = Rotation.from_quat(moved["rotation"]).as_matrix()
-    matrices[:, :3, :3] *= moved.get("scale", np.ones((1, 3)))[:, None]
-    matrices[:, :3, 3] = moved.get("translation", 0)
+def _matrices(translation=((0, 0, 0),), rotation=((0, 0, 0, 1),), scale=((1, 1, 1),)) -> np.ndarray:
+    """Matrices (n, 4, 4) of translations (n, 3), rotations (n, 4; w is last) and scales (n, 3)."""
+    matrices = np.tile(np.eye(4), (max(len(translation), len(rotation), len(scale)), 1, 1))
+    matrices[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * np.asarray(scale)[:, None]
+    matrices[:, :3, 3] = translation
     return matrices
 
 
