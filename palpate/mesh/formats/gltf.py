@@ -65,11 +65,7 @@ def read(path: Path, named: files.Files) -> part.Loaded:
 class _Document:
     def __init__(self, path: Path, named: files.Files):
         self.files, data = named, path.read_bytes()
-        binary = path.suffix.lower() == ".glb"
-        if binary and data[:4] != b"glTF":
-            raise ValueError("it is not binary glTF: rename it to .gltf, if it is whole")
-        old = binary and data[4:8] != b"\2\0\0\0"  # a container of glTF 1.0, whose parts lie otherwise
-        self.tree, start = ({"asset": {"version": data[4]}}, 0) if old else gltf_tree(path)
+        self.tree, start = gltf_tree(path)
         version = self.tree.get("asset", {}).get("version", "of no version")
         if str(version).split(".")[0] != "2":
             raise ValueError(f"it is glTF {version}, not 2.0: convert it, e.g. gltf-pipeline -i old.gltf -o new.gltf")
@@ -77,8 +73,8 @@ class _Document:
             if not KNOWN.fullmatch(name):
                 raise _not_read("it", name)
         self.nodes = self.tree.get("nodes", [])
-        length = int.from_bytes(data[start - 8 : start - 4], "little")
-        self.chunk = memoryview(data)[start : start + length] if binary else b""
+        length = int.from_bytes(data[start - 8 : start - 4], "little") if path.suffix.lower() == ".glb" else 0
+        self.chunk = memoryview(data)[start : start + length]
         self.buffers = [self._buffer(*numbered) for numbered in enumerate(self.tree.get("buffers", []))]
         self.size = len(data) + sum(map(len, self.buffers))
         self.worlds = self._worlds()
@@ -103,19 +99,19 @@ class _Document:
     def _view(self, number: int) -> memoryview:
         """The bytes of a buffer view."""
         view = self.tree["bufferViews"][number]
-        buffer, start, length = self.buffers[view["buffer"]], view.get("byteOffset", 0), view["byteLength"]
+        buffer, start = self.buffers[view["buffer"]], view.get("byteOffset", 0)
         if not buffer and "extensions" in view:
             raise _not_read("it", next(iter(view["extensions"])))
-        if not 0 <= start <= start + length <= len(buffer):
-            raise ValueError(f"cut off: bytes {start:,} to {start + length:,} of a buffer of {len(buffer):,}")
-        return memoryview(buffer)[start : start + length]
+        return memoryview(buffer)[start : start + view["byteLength"]]
 
     def _elements(self, given: Tree, count: int, component: int, width: int) -> np.ndarray:
         """Elements (count, width) in a buffer view; given: an accessor, or the indices or values of a sparse one."""
-        dtype = np.dtype(COMPONENTS[component])
-        stride = self.tree["bufferViews"][given["bufferView"]].get("byteStride", dtype.itemsize * width)
-        data, start = self._view(given["bufferView"]), given.get("byteOffset", 0)
-        return np.ndarray((count, width), dtype, data, start, (stride, dtype.itemsize))  # raises if it has fewer
+        data, start, dtype = self._view(given["bufferView"]), given.get("byteOffset", 0), COMPONENTS[component]
+        size = np.dtype(dtype).itemsize
+        stride = self.tree["bufferViews"][given["bufferView"]].get("byteStride", size * width)
+        if start + (count - 1) * stride + size * width > len(data):
+            raise ValueError(f"cut off: {count:,} elements in a buffer view of {len(data):,} bytes")
+        return np.ndarray((count, width), dtype, data, start, (stride, size))
 
     def accessor(self, number: int) -> np.ndarray:
         """Elements (count, width) of an accessor as they are stored."""
@@ -155,18 +151,19 @@ class _Document:
         return worlds
 
     def parts(self) -> list[trimesh.Trimesh]:
-        """What the default scene, else the first, else every root node shows."""
+        """What the default scene, else the first, else every root node shows, in the order of the nodes' names."""
         scenes, meshes = self.tree.get("scenes"), self.tree.get("meshes", [])
         waiting = list(scenes[self.tree.get("scene", 0)].get("nodes", []) if scenes else self.roots)
-        shown: dict[int, Tree] = {}
+        shown = set()
         for number in waiting:  # which grows on the way
             if _extension(self.nodes[number], "KHR_node_visibility").get("visible", True):
-                shown[number] = self.nodes[number]
+                shown.add(number)
                 waiting += self.nodes[number].get("children", [])
         return [
             made
-            for number, node in shown.items()
-            for place, primitive in enumerate(meshes[node["mesh"]]["primitives"] if "mesh" in node else [])
+            for number in sorted(shown, key=lambda number: (self.nodes[number].get("name", ""), number))
+            if "mesh" in self.nodes[number]
+            for place, primitive in enumerate(meshes[self.nodes[number]["mesh"]]["primitives"])
             for made in self._primitive(number, place, primitive)
         ]
 
@@ -203,9 +200,7 @@ class _Document:
         elif len(order) % 3:
             raise ValueError(f"mesh {name} has {len(order):,} corners of triangles, not a multiple of 3")
         faces = order.reshape(-1, 3)
-        material, where = None, None
-        if "material" in primitive:
-            material, where = self.material(primitive["material"], frozenset(attributes))
+        material, where = self.material(primitive.get("material"), frozenset(attributes))
         uv = None if where is None else values(f"TEXCOORD_{where.number}")
         if colours is not None:
             colours = np.round(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8)
@@ -213,7 +208,7 @@ class _Document:
                 colours = np.column_stack([colours[:, :3], np.full(len(colours), 255, np.uint8)])
         uv = None if uv is None else _moved(uv, *where.transform)
         placed = []
-        for matrix in self._placements(node, number, attributes, len(vertices)):
+        for matrix in self._placements(node, number, attributes):
             linear, turned = matrix[..., :3, :3], None
             with np.errstate(invalid="ignore", over="ignore"):  # vertices that are not finite are looked for later
                 points = np.einsum("...ij,...j->...i", linear, vertices) + matrix[..., :3, 3]
@@ -224,20 +219,19 @@ class _Document:
             placed.append(part.make_part(name, points, sides, material, **given))
         return placed
 
-    def _placements(self, node: Tree, number: int, attributes: Tree, count: int) -> list[np.ndarray]:
-        """Matrices to the file's frame: one (4, 4), or one an instance, or one (count, 4, 4) of a skin's vertices."""
+    def _placements(self, node: Tree, number: int, attributes: Tree) -> list[np.ndarray]:
+        """Matrices to the file's frame: one (4, 4), or one an instance, or one (n, 4, 4) of a skin's n vertices."""
         if "skin" in node and "JOINTS_0" in attributes:  # the node's own transform is ignored (3.7.3.3)
             skin = self.tree["skins"][node["skin"]]
             joints = np.stack([self.worlds[joint] for joint in skin["joints"]])
             if "inverseBindMatrices" in skin:
                 inverse = self.accessor(skin["inverseBindMatrices"])[: len(joints)]
                 joints = joints @ inverse.reshape(-1, 4, 4).transpose(0, 2, 1)
-            matrices, total = np.zeros((count, 4, 4)), np.zeros((count, 1, 1))
-            for key in [key for key in attributes if key.startswith("JOINTS_")]:
-                weights = self.floats(attributes[key.replace("JOINTS", "WEIGHTS")]).astype(float)
-                for joint, weight in zip(self.accessor(attributes[key]).T, weights.T[..., None, None], strict=True):
-                    matrices += weight * joints[joint]
-                    total += weight
+            keys = sorted(key for key in attributes if key.startswith("JOINTS_"))
+            numbers = np.hstack([self.accessor(attributes[key]) for key in keys])
+            weights = np.hstack([self.floats(attributes[key.replace("JOINTS", "WEIGHTS")]) for key in keys])
+            total = weights.sum(axis=1, dtype=float)[:, None, None]
+            matrices = sum(w[:, None, None] * joints[n] for n, w in zip(numbers.T, weights.T, strict=True))
             return [np.where(total > 0, matrices / np.where(total > 0, total, 1), joints[0])]
         if instancing := _extension(node, "EXT_mesh_gpu_instancing"):
             moved = instancing["attributes"]
@@ -245,8 +239,10 @@ class _Document:
             return list(self.worlds[number] @ _matrices(**moved))
         return [self.worlds[number]]
 
-    def _material(self, number: int, attributes: frozenset[str]) -> tuple[PBRMaterial, Place | None]:
+    def _material(self, number: int | None, attributes: frozenset[str]) -> tuple[PBRMaterial | None, Place | None]:
         """A material for a part with such attributes, and how its textures lie."""
+        if number is None:
+            return None, None
         given = self.tree["materials"][number]
         name, unlit = given.get("name"), "KHR_materials_unlit" in given.get("extensions", {})
         base, shine, factors = "baseColorTexture", "metallicRoughnessTexture", given.get("pbrMetallicRoughness", {})
@@ -258,15 +254,11 @@ class _Document:
         where = next((self._where(info) for info in infos.values()), Place())
         label, pictures = name or f"material {number}", {}
         for key, info in reversed(infos.items()):  # the colour last: what follows from its loss is said of a picture
-            follows, problem = files.GREY if key == base else "left out", ""
-            if self._where(info)[:2] != where[:2]:
-                problem = "it lies otherwise than the base colour's"
-            elif f"TEXCOORD_{where.number}" not in attributes:
-                problem = "a part has no coordinates for it"
+            follows = files.GREY if key == base else "left out"
+            if self._where(info)[:2] != where[:2] or f"TEXCOORD_{where.number}" not in attributes:
+                self.files.note(f"{label}, {key}", f"it has coordinates of its own, or none: {follows}")
             elif (picture := self.picture(info["index"], follows)) is not None:
                 pictures[key] = picture
-            if problem:
-                self.files.note(f"{label}, {key}", f"{problem}: {follows}")
         lost = infos.keys() - pictures.keys()
         if base in lost:
             return part.plain(part.GREY, name), None
@@ -345,7 +337,7 @@ def _matrices(translation=((0, 0, 0),), rotation=((0, 0, 0, 1),), scale=((1, 1, 
 def _moved(uv: np.ndarray, offset: tuple, rotation: float, scale: tuple) -> np.ndarray:
     """Texture coordinates (n, 2), v upwards, after KHR_texture_transform; rotation: anticlockwise, as seen."""
     cos, sin = np.cos(rotation), np.sin(rotation)
-    uv = uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]]) + np.array(offset)
+    uv = (uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]]) + np.array(offset)).astype(uv.dtype)
     uv[:, 1] = 1.0 - uv[:, 1]
     return uv
 
