@@ -253,8 +253,29 @@ def nested() -> Document:
     return document
 
 
+def animated() -> Document:
+    """A skin whose joint turns, and a mesh that moves and morphs, from their first moment on; at rest they do not."""
+    document = skin()
+    targets = {"targets": [{"POSITION": document.add(CORNERS)}]}
+    document.node(mesh=document.mesh(document.primitive(more=targets), weights=[0.5]), translation=[0, 5, 0])
+    turn = Rotation.from_euler("x", 70, degrees=True).as_quat()
+    time = document.add(np.array([0, 1], "<f4"), min=[0], max=[1])
+    moves = [(2, "rotation", [turn, turn]), (4, "translation", [[9, 9, 9]] * 2), (4, "weights", [0.0, 0.0])]
+    values = [document.add(np.array(value, "<f4")) for _, _, value in moves]
+    document.tree["animations"] = [
+        {
+            "samplers": [{"input": time, "output": value} for value in values],
+            "channels": [
+                {"sampler": k, "target": {"node": node, "path": path}} for k, (node, path, _) in enumerate(moves)
+            ],
+        }
+    ]
+    return document
+
+
 SHAPES = {
     "skin": skin,
+    "animated": animated,
     "morph": lambda: morph(mesh={"weights": [0.5, 0]}),
     "morph-of-the-node": lambda: morph(mesh={"weights": [0.5, 0.5]}, node={"weights": [1, 0.25]}),
     "morph-at-rest": morph,

@@ -117,12 +117,12 @@ class _Document:
         """Elements (count, width) of an accessor as they are stored."""
         given = self.tree["accessors"][number]
         count, component, width = given["count"], given["componentType"], WIDTHS[given["type"]]
+        if not 0 <= count <= ELEMENTS_A_BYTE * self.size:
+            raise ValueError(f"accessor {number} says {count:,} elements, and the file has {self.size:,} bytes")
         if "bufferView" in given:
             values = self._elements(given, count, component, width)
-        elif 0 <= count <= ELEMENTS_A_BYTE * self.size:
-            values = np.zeros((count, width), COMPONENTS[component])
         else:
-            raise ValueError(f"accessor {number} says {count:,} elements, and the file has {self.size:,} bytes")
+            values = np.zeros((count, width), COMPONENTS[component])
         if few := given.get("sparse"):
             places = self._elements(few["indices"], few["count"], few["indices"]["componentType"], 1)[:, 0]
             values = values.copy()
