@@ -456,6 +456,15 @@ def test_the_second_coordinates_and_a_rotated_texture(tmp_path):
     )
 
 
+def test_coordinates_in_whole_numbers_are_scaled_by_the_transform(tmp_path):
+    """As gltfpack writes them: 0 to 4095, not normalised."""
+    document = plate(uv=None, TEXCOORD_0=(4095 * PLATE_UV).astype("<u2"))
+    transform = {"KHR_texture_transform": {"scale": [1 / 4095, 0.5 / 4095], "offset": [0, 0.25]}}
+    textured(document, document.picture(halves()), extensions=transform)
+    (part,) = load(document.write(tmp_path / "a.glb"))[0].parts
+    np.testing.assert_allclose(part.visual.uv, np.stack([PLATE_UV[:, 0], 0.75 - PLATE_UV[:, 1] / 2], 1), atol=1e-6)
+
+
 def test_a_mirrored_texture_and_a_clamped_one_of_the_same_image(tmp_path):
     """Three plates in a row whose coordinates go to 2: repeated, mirrored, clamped; none has another's wrapping."""
     document = Document(materials=[{"pbrMetallicRoughness": {"metallicFactor": 0}} for _ in range(3)])

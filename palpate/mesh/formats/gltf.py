@@ -6,7 +6,8 @@ Numbers of sections are those of the specification (Khronos, glTF 2.0). All mate
 - unlit: metallic 0, roughness 1, and the base colour alone;
 - specular and glossiness: converted by trimesh, as Khronos' example does it;
 - transmission: blended, its opacity 1 less 0.9 of what is transmitted, so that what is behind it is seen;
-- textures lie and wrap as the base colour's, or else the first. One that lies otherwise is left out.
+- textures lie and wrap as the base colour's, or else the first. One that lies otherwise is left out;
+- textures of transmission and of occlusion are not read.
 """
 
 import base64
@@ -130,11 +131,12 @@ class _Document:
         return values
 
     def floats(self, number: int, normalise: bool = False) -> np.ndarray:
-        """Elements as numbers; integers, if the accessor says so or normalise, in parts of their largest."""
+        """Elements as floats; integers, if the accessor says so or normalise, in parts of their largest."""
         values = self.accessor(number)
-        if values.dtype.kind != "f" and (normalise or self.tree["accessors"][number].get("normalized")):
-            return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
-        return values
+        if values.dtype.kind == "f":
+            return values
+        parts = normalise or self.tree["accessors"][number].get("normalized")
+        return np.maximum(values / np.iinfo(values.dtype).max, -1.0) if parts else values.astype(float)
 
     def _worlds(self) -> dict[int, np.ndarray]:
         """Matrices (4, 4) from each node to the file's frame."""
@@ -152,7 +154,7 @@ class _Document:
 
     def parts(self) -> list[trimesh.Trimesh]:
         """What the default scene, else the first, else every root node shows, in the order of the nodes' names."""
-        scenes, meshes = self.tree.get("scenes"), self.tree.get("meshes", [])
+        scenes = self.tree.get("scenes")
         waiting = list(scenes[self.tree.get("scene", 0)].get("nodes", []) if scenes else self.roots)
         shown = set()
         for number in waiting:  # which grows on the way
@@ -163,7 +165,7 @@ class _Document:
             made
             for number in sorted(shown, key=lambda number: (self.nodes[number].get("name", ""), number))
             if "mesh" in self.nodes[number]
-            for place, primitive in enumerate(meshes[self.nodes[number]["mesh"]]["primitives"])
+            for place, primitive in enumerate(self.tree["meshes"][self.nodes[number]["mesh"]]["primitives"])
             for made in self._primitive(number, place, primitive)
         ]
 
@@ -244,11 +246,11 @@ class _Document:
         if number is None:
             return None, None
         given = self.tree["materials"][number]
-        name, unlit = given.get("name"), "KHR_materials_unlit" in given.get("extensions", {})
+        name, extensions = given.get("name"), given.get("extensions", {})
+        unlit, glossy = "KHR_materials_unlit" in extensions, extensions.get("KHR_materials_pbrSpecularGlossiness")
         base, shine, factors = "baseColorTexture", "metallicRoughnessTexture", given.get("pbrMetallicRoughness", {})
-        if not unlit and "KHR_materials_pbrSpecularGlossiness" in given.get("extensions", {}):
-            base, shine = "diffuseTexture", "specularGlossinessTexture"
-            factors = _extension(given, "KHR_materials_pbrSpecularGlossiness")
+        if glossy is not None and not unlit:
+            base, shine, factors = "diffuseTexture", "specularGlossinessTexture", glossy
         keys = (base,) if unlit else (base, shine, "normalTexture", "emissiveTexture")
         infos = {key: info for key in keys if (info := factors.get(key, given.get(key)))}
         where = next((self._where(info) for info in infos.values()), Place())
@@ -273,11 +275,9 @@ class _Document:
             made["emissiveFactor"] = strength * np.array(given["emissiveFactor"], dtype=float)
         made["baseColorFactor"] = np.array(made["baseColorFactor"], dtype=float)
         made |= {key: given[key] for key in ("alphaMode", "alphaCutoff", "doubleSided") if key in given}
-        clear = _extension(given, "KHR_materials_transmission")
         metal = 0 if "metallicRoughnessTexture" in made else made["metallicFactor"]
-        if (through := clear.get("transmissionFactor", 0) * (1 - metal)) > 0:
-            if "transmissionTexture" in clear:
-                self.files.note(f"{label}, transmissionTexture", "it is not read: clear all over")
+        through = _extension(given, "KHR_materials_transmission").get("transmissionFactor", 0) * (1 - metal)
+        if through > 0:
             if made.get("alphaMode", "OPAQUE") == "OPAQUE":  # whose alpha does not count
                 made["baseColorFactor"][3] = 1.0
                 if "baseColorTexture" in made:
