@@ -83,7 +83,7 @@ class _Document:
 
     def _buffer(self, number: int, given: Tree) -> bytes | memoryview:
         """A buffer's content; empty if it only stands for what is compressed (EXT_meshopt_compression)."""
-        if "uri" not in given and (number or "extensions" in given):
+        if "uri" not in given and (number or given.get("extensions")):
             return b""
         data = self._uri(given["uri"]) if "uri" in given else self.chunk
         if len(data) < given["byteLength"]:
@@ -101,7 +101,7 @@ class _Document:
         """The bytes of a buffer view."""
         view = self.tree["bufferViews"][number]
         buffer, start = self.buffers[view["buffer"]], view.get("byteOffset", 0)
-        if not buffer and "extensions" in view:
+        if not buffer and view.get("extensions"):
             raise _not_read("it", next(iter(view["extensions"])))
         return memoryview(buffer)[start : start + view["byteLength"]]
 
