@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from trimesh.visual.material import PBRMaterial
 
 from palpate.batch import UnusableObject
 from palpate.camera import rotation_about
@@ -53,9 +52,8 @@ def build(
     folder.mkdir(parents=True, exist_ok=True)
     shown = [mesh for mesh in parts if len(mesh.faces)]
     wraps = [mesh.metadata.pop("wrap", None) for mesh in shown]
-    for mesh, wrap in zip(shown, wraps, strict=True):
-        if wrap is not None:
-            mesh.visual.material = _Wrapped(mesh.visual.material, wrap)
+    for mesh, wrap in zip(shown, wraps, strict=True):  # trimesh writes materials whose data are the same as one
+        mesh.visual.material._data["wrap"] = wrap
     try:
         glb = trimesh.Scene(shown).export(file_type="glb", tree_postprocessor=lambda tree: _complete(tree, wraps))
     except (OSError, SyntaxError) as error:  # PIL's: textures are decoded here, nothing is written yet
@@ -64,9 +62,7 @@ def build(
             "from the material"
         ) from error
     (folder / "visual.glb").write_bytes(glb)
-    length = int.from_bytes(glb[12:16], "little")  # of the JSON chunk, which is the first (glTF 2.0, 4.4)
-    materials = json.loads(glb[20 : 20 + length]).get("materials", [])
-    see_through = any(material.get("alphaMode", "OPAQUE") != "OPAQUE" for material in materials)
+    see_through = any(mesh.visual.material.alphaMode not in (None, "OPAQUE") for mesh in shown)
     record = {
         "version": VERSION,
         "source": {
@@ -182,16 +178,6 @@ def _complete(tree, wraps):
             for info in (*material.values(), *material["pbrMetallicRoughness"].values()):
                 if isinstance(info, dict) and "index" in info:  # trimesh has no texture of two materials
                     tree["textures"][info["index"]]["sampler"] = samplers.index(sampler)
-
-
-class _Wrapped(PBRMaterial):
-    """A material that trimesh does not share with parts whose textures wrap in another way: it compares hashes."""
-
-    def __init__(self, material, wrap):
-        self._data, self.wrap = material._data, wrap
-
-    def __hash__(self):
-        return hash((super().__hash__(), self.wrap))
 
 
 def _describe(vertices, faces):

@@ -11,11 +11,9 @@ import PIL.Image
 from palpate import named_files
 from palpate.named_files import LARGEST_SIDE
 
+PIL.Image.MAX_IMAGE_PIXELS = None  # sides are looked at instead; by itself PIL refuses textures of 16k
 log = logging.getLogger(__name__)
-# PIL warns above this number of pixels and refuses twice as many; by itself it refuses 16k textures.
-PIL.Image.MAX_IMAGE_PIXELS = LARGEST_SIDE**2
 OUTSIDE = "it lies outside the source's folder: copy it there, or link it"
-MISSING = "there is no such file"
 GREY = "drawn in neutral grey"
 
 
@@ -41,7 +39,7 @@ class Files:
         place = named_files.find(self.path, name, self.root)
         if place is None:
             outside = named_files.is_outside(self.path, name, self.root)
-            raise FileNotFoundError(f"{name}: {OUTSIDE if outside else MISSING}")
+            raise FileNotFoundError(f"{name}: {OUTSIDE if outside else 'there is no such file'}")
         return (self.path.parent / place).read_bytes()
 
     def picture(self, name: str, data: bytes | None = None, follows: str = GREY) -> PIL.Image.Image | None:
@@ -49,17 +47,20 @@ class Files:
 
         Raises ValueError, or at its export what PIL does, for one that is cut off.
         """
+        problem = ""
         try:
-            data = self.read(name) if data is None else data
+            image = PIL.Image.open(io.BytesIO(self.read(name) if data is None else data))
+            if max(image.size) > LARGEST_SIDE:
+                problem = "it has {} x {} pixels, and at most {} a side can be used".format(*image.size, LARGEST_SIDE)
         except FileNotFoundError as error:
-            self.note(name, f"{str(error).removeprefix(f'{name}: ')}: {follows}")
-            return None
-        problem = problem_of(data)
+            problem = str(error).removeprefix(f"{name}: ")
+        except Exception as error:  # whatever a broken file makes a reader trip over
+            problem = f"it is no image that can be read ({type(error).__name__})"
         if problem:
             self.note(name, f"{problem}: {follows}")
             return None
         try:
-            return _eight_bit(PIL.Image.open(io.BytesIO(data)))
+            return _eight_bit(image)
         except (OSError, SyntaxError, ValueError) as error:  # PIL's
             raise ValueError(f"a texture can't be read, {name} ({type(error).__name__}: {error})") from None
 
@@ -79,17 +80,3 @@ def _eight_bit(image: PIL.Image.Image) -> PIL.Image.Image:
         values = np.clip(values / (1 if image.mode == "F" else largest), 0, 1)
         return PIL.Image.fromarray(np.rint(255 * values).astype(np.uint8))
     return image.convert("RGBA" if image.has_transparency_data else "L" if image.mode == "1" else "RGB")
-
-
-def problem_of(data: bytes) -> str | None:
-    """Why an image file's content can't be used as a texture, by its header; None if it can."""
-    try:
-        with PIL.Image.open(io.BytesIO(data)) as image:
-            width, height = image.size
-    except PIL.Image.DecompressionBombError:
-        return f"it has more than {LARGEST_SIDE} x {LARGEST_SIDE} pixels"
-    except Exception as error:  # whatever a broken file makes a reader trip over
-        return f"it is no image that can be read ({type(error).__name__})"
-    if max(width, height) > LARGEST_SIDE:
-        return f"it has {width} x {height} pixels, and at most {LARGEST_SIDE} a side can be used"
-    return None

@@ -1,10 +1,10 @@
 """What a reader makes of a file, in numbers, and what Blender's own import makes of it.
 
-As a program, `python reading.py out.json files...`: Blender's numbers, so that its data are none of the renderer's.
+As a program, `python -m tests.mesh.reading out.pickle files...`: Blender's, apart from the renderer's data.
 """
 
-import json
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -40,32 +40,39 @@ def assert_same(found: dict, expected: dict, tolerance=1e-5):
 
 
 def by_blender(*paths) -> list[dict]:
+    """What Blender's import makes of files, in the frame of each: as `measured`, its triangles, and its materials."""
     with tempfile.NamedTemporaryFile() as file:
-        command = [sys.executable, __file__, file.name, *map(str, paths)]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        return json.load(file)
+        command = [sys.executable, "-m", __name__, file.name, *(Path(path).absolute() for path in paths)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=CASES.parents[1])
+        return pickle.load(file)
 
 
-def _import(path):
+def _import(path: Path) -> dict:
+    from studies.readers import import_with_blender
+
+    vertices, faces = import_with_blender(path)
+    if path.suffix in (".gltf", ".glb"):
+        vertices = vertices[:, [0, 2, 1]] * [1, 1, -1]  # Blender turns glTF's y axis up
+    return measured(vertices[faces]) | {"triangles": vertices[faces], "materials": _materials()}
+
+
+def _materials() -> dict:
+    """By name: the base colour, and the scale and offset of a texture."""
     import bpy
 
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    if path.endswith(".dae"):
-        bpy.ops.wm.collada_import(filepath=path, import_units=False)
-    else:
-        {".ply": bpy.ops.wm.ply_import, ".stl": bpy.ops.wm.stl_import}[path[-4:]](filepath=path)
-    corners = []
-    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
-        if instance.object.type == "MESH" and instance.show_self:
-            mesh, pose = instance.object.to_mesh(), np.array(instance.matrix_world)
-            mesh.calc_loop_triangles()
-            points = np.array([vertex.co for vertex in mesh.vertices], float) @ pose[:3, :3].T + pose[:3, 3]
-            faces = np.array([triangle.vertices for triangle in mesh.loop_triangles])
-            corners.append(points[faces[:, ::-1] if np.linalg.det(pose[:3, :3]) < 0 else faces])
-    return measured(np.concatenate(corners))
+    looks = {}
+    for material in bpy.data.materials:
+        nodes = {node.type: node for node in material.node_tree.nodes}
+        mapping = nodes["MAPPING"].inputs if "MAPPING" in nodes else {}
+        looks[material.name] = {
+            "colour": tuple(nodes["BSDF_PRINCIPLED"].inputs["Base Color"].default_value)[:3],
+            "mapping": [tuple(mapping[key].default_value)[:2] for key in ("Scale", "Location") if mapping],
+        }
+    return looks
 
 
 if __name__ == "__main__":
-    with open(sys.argv[1], "w") as out:
-        json.dump([_import(path) for path in sys.argv[2:]], out)
+    made = [_import(Path(path)) for path in sys.argv[2:]]
+    with open(sys.argv[1], "wb") as out:
+        pickle.dump(made, out)
     os._exit(0)  # Blender's threads need not end

@@ -1,9 +1,6 @@
 """OBJ and MTL as their formats mean them: each case against what it was made of, and against Blender's import."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import PIL.Image
@@ -14,8 +11,8 @@ from palpate import mesh
 from palpate.batch import UnusableObject
 from palpate.mesh.load import load
 from palpate.named_files import companions
+from tests.mesh.reading import CASES, assert_same, by_blender, measured, triangles
 
-CASES = Path(__file__).parents[1] / "cases"
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 UV = "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
 FACE = "f 1/1 2/2 3/3 4/4\n"
@@ -35,14 +32,6 @@ def parts_of(path):
     (parts, unit), problems = load(path)
     assert unit == 1
     return parts, problems
-
-
-def shape(parts):
-    """Box, area and volume of all parts together."""
-    corner = np.concatenate([part.vertices[part.faces] for part in parts])
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    box = [*corner.min(axis=(0, 1)), *corner.max(axis=(0, 1))]
-    return [*box, np.linalg.norm(cross, axis=1).sum() / 2, np.einsum("ij,ij->", corner[:, 0], cross) / 6]
 
 
 def colour(part):
@@ -145,7 +134,8 @@ TWO = {
 def test_the_same_shape_in_other_spellings(tmp_path, name):
     parts, problems = parts_of(write(tmp_path, (ONE | TWO)[name]))
     width, area = (1, 1) if name in ONE else (3, 2)
-    np.testing.assert_allclose(shape(parts), [0, 0, 0, width, 1, 0, area, 0], atol=1e-12)
+    expected = {"box": [[0, 0, 0], [width, 1, 0]], "area": area, "volume": 0}
+    assert_same(measured(triangles(parts)), expected, 1e-12)
     assert problems == {}
     for part in parts:
         if part.visual.uv is not None:
@@ -157,7 +147,7 @@ def test_the_same_shape_in_other_spellings(tmp_path, name):
 def test_a_homogeneous_vertex_is_divided_by_its_weight_and_named(tmp_path):
     text = "v 0 0 0 1\nv 2 0 0 2\nv 0.5 0.5 0 0.5\nv 0 1 0\nf 1 2 3 4\n"
     parts, problems = parts_of(write(tmp_path, text))
-    np.testing.assert_allclose(shape(parts), [0, 0, 0, 1, 1, 0, 1, 0])
+    assert measured(triangles(parts)) == {"box": [[0, 0, 0], [1, 1, 0]], "area": 1, "volume": 0}
     assert "weight" in problems["vertices"]
 
 
@@ -386,30 +376,6 @@ def test_textures_are_relative_to_their_library_first(tmp_path):
     assert companions(path) == ["lib/a.mtl", "lib/m.png", "n.png"]
 
 
-BLENDER = """
-import bpy, json, sys
-import numpy as np
-made = {}
-for path in sys.argv[1:]:
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.wm.obj_import(filepath=path, forward_axis="Y", up_axis="Z", validate_meshes=False)
-    corners = []
-    for mesh in bpy.data.meshes:
-        mesh.calc_loop_triangles()
-        points = np.array([vertex.co for vertex in mesh.vertices], dtype=float)
-        corners.append(points[[list(triangle.vertices) for triangle in mesh.loop_triangles]])
-    corner = np.concatenate(corners)
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    box = [*corner.min(axis=(0, 1)), *corner.max(axis=(0, 1))]
-    shape = [*box, np.linalg.norm(cross, axis=1).sum() / 2, np.einsum("ij,ij->", corner[:, 0], cross) / 6]
-    nodes = [node for material in bpy.data.materials for node in material.node_tree.nodes]
-    mapping = [tuple(node.inputs[name].default_value)[:2] for node in nodes if node.type == "MAPPING"
-               for name in ("Scale", "Location")]
-    colours = {material.name: tuple(material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value)[:3]
-               for material in bpy.data.materials}
-    made[path] = shape, mapping, colours
-print("MADE" + json.dumps(made))
-"""
 # Blender does not read these: nothing of them, or not the first vertex, or no face.
 NOT_IN_BLENDER = ("capitals", "old keyword", "comments", "CR", "byte order mark", "faces first")
 
@@ -420,19 +386,18 @@ def test_as_blender_imports_them(tmp_path, mapped):
     paths += [write(tmp_path / name, text) for name, text in (ONE | TWO).items() if name not in NOT_IN_BLENDER]
     maps = [statement for statement in MAPS if "-s" in statement and "-o" in statement or statement.startswith("-s")]
     textured = [mapped[statement] / "a.obj" for statement in maps] + [CASES / "mtl-texture-scale/tile.obj"]
-    run = subprocess.run([sys.executable, "-c", BLENDER, *paths, *textured], capture_output=True, text=True, check=True)
-    made = json.loads(run.stdout.split("MADE")[1].splitlines()[0])
-    assert len(made) == len(paths) + len(textured)
-    for path in paths:
+    made = by_blender(*paths, *textured)
+    for path, expected in zip(paths, made, strict=False):
         parts, _ = parts_of(path)
-        expected, _, colours = made[str(path)]
-        np.testing.assert_allclose(shape(parts), expected, atol=1e-6, err_msg=str(path))
+        assert_same(measured(triangles(parts)), expected, 1e-7)
         for part in parts:
             if part.visual.material.name is not None:
-                np.testing.assert_allclose(colour(part), colours[part.visual.material.name], atol=0.5 / 255)
-    for path in textured:
+                np.testing.assert_allclose(
+                    colour(part), expected["materials"][part.visual.material.name]["colour"], atol=0.5 / 255
+                )
+    for path, expected in zip(textured, made[len(paths) :], strict=True):
         (part,), _ = parts_of(path)
-        scale, offset = made[str(path)][1]
+        ((scale, offset),) = (look["mapping"] for look in expected["materials"].values())
         plain = part.vertices[:, :2]
         np.testing.assert_allclose(part.visual.uv, plain * scale + offset, atol=1e-6)
 

@@ -1,31 +1,11 @@
 """Polygons as triangles, against shapely's area and Blender's triangles."""
 
-import json
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import shapely
 
-from palpate.mesh.polygons import triangulate, with_holes
-
-BLENDER = """
-import bpy, json, sys
-import numpy as np
-areas = {}
-for path in sys.argv[1:]:
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.wm.obj_import(filepath=path, forward_axis="Y", up_axis="Z", validate_meshes=False)
-    (mesh,) = bpy.data.meshes
-    mesh.calc_loop_triangles()
-    points = np.array([vertex.co for vertex in mesh.vertices])
-    corner = points[[list(triangle.vertices) for triangle in mesh.loop_triangles]]
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    polygon = [triangle.polygon_index for triangle in mesh.loop_triangles]
-    areas[path] = np.bincount(polygon, np.linalg.norm(cross, axis=1) / 2).tolist()
-print("AREAS" + json.dumps(areas))
-"""
+from palpate.mesh.polygons import strip_triangles, triangulate, with_holes
+from tests.mesh.reading import by_blender
 
 
 def star(rng, straight: bool) -> np.ndarray:
@@ -120,6 +100,26 @@ def test_polygons_without_an_area_and_of_vertices_that_are_not_finite():
     assert len(triangulate(vertices, np.zeros(0, int), [])[0]) == 0
 
 
+def test_strips_and_fans_of_one_list():
+    """Wound as OpenGL has them, against a loop; -1 ends a strip, and triangles without an area are left out."""
+    rng = np.random.default_rng(8)
+    counts = np.array([0, 5, 1, 9, 2, 3, 40])
+    corners = rng.permutation(counts.sum()) + 1
+    for fan in (False, True):
+        triangles, owner = strip_triangles(corners, counts, fan)
+        expected = []
+        for number, start in enumerate(np.cumsum(counts) - counts):
+            strip = corners[start : start + counts[number]].tolist()
+            for k in range(len(strip) - 2):
+                corner = (strip[0], *strip[k + 1 : k + 3]) if fan else tuple(strip[k : k + 3][:: -1 if k % 2 else 1])
+                expected.append((number, corner))
+        turned = [tuple(np.roll(row, -int(np.argmin(row)))) for row in corners[triangles]]
+        least = [tuple(np.roll(row, -int(np.argmin(row)))) for _, row in expected]
+        assert turned == least and owner.tolist() == [number for number, _ in expected]
+    separated = strip_triangles([1, 2, 3, 4, -1, 5, 6, 7, 7, 8, -1, -1], [12])[0]
+    assert separated.tolist() == [[0, 1, 2], [2, 1, 3], [5, 6, 7]]
+
+
 def test_as_blender_cuts_them(tmp_path):
     """Flat polygons, and quads that are folded, for which it matters which way."""
     rng = np.random.default_rng(7)
@@ -131,10 +131,8 @@ def test_as_blender_cuts_them(tmp_path):
     starts = np.cumsum(counts) - counts
     lines += ["f " + " ".join(str(start + k + 1) for k in range(n)) for start, n in zip(starts, counts, strict=True)]
     (tmp_path / "a.obj").write_text("\n".join(lines) + "\n")
-    run = subprocess.run(
-        [sys.executable, "-c", BLENDER, tmp_path / "a.obj"], capture_output=True, text=True, check=True
-    )
-    (expected,) = json.loads(run.stdout.split("AREAS")[1].splitlines()[0]).values()
+    (blender,) = by_blender(tmp_path / "a.obj")
+    expected = np.bincount(np.repeat(np.arange(len(counts)), counts - 2), areas(blender["triangles"]))
     triangles, owner = triangulate(vertices, np.arange(len(vertices)), counts)
     made = np.bincount(owner, areas(vertices[triangles]))
     different = np.abs(made - expected) > 1e-5

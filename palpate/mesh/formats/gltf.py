@@ -6,10 +6,12 @@ Numbers of sections are those of the specification (Khronos, glTF 2.0). All mate
 - unlit: metallic 0, roughness 1, and the base colour alone;
 - specular and glossiness: converted by trimesh, as Khronos' example does it;
 - transmission: blended, its opacity 1 less 0.9 of what is transmitted, so that what is behind it is seen;
-- textures lie and wrap as the base colour's, or else the first. One that lies otherwise is left out.
+- textures lie and wrap as the base colour's, or else the first. One that lies otherwise is left out;
+- textures of transmission and of occlusion are not read.
 """
 
 import base64
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,37 +19,33 @@ from urllib.parse import unquote_to_bytes
 
 import numpy as np
 import trimesh
-from PIL.Image import Image, new
+from PIL.Image import Image, fromarray
 from scipy.spatial.transform import Rotation
-from trimesh.util import unique_name
 from trimesh.visual.gloss import specular_to_pbr
 from trimesh.visual.material import PBRMaterial
 
 from palpate.mesh import files, part
+from palpate.mesh.polygons import strip_triangles
 from palpate.named_files import gltf_tree
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # 3.6.2.2
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of a primitive; 0 to 3 are points and lines (3.7.2.1)
+MOVES = ("translation", "rotation", "scale")
 WRAPS = {33071: "clamp", 33648: "mirror"}  # of a sampler; others repeat
 ELEMENTS_A_BYTE = 100  # of the file, at most, of an accessor without data of its own: zeros, or sparse
 STRIP_ROWS = 256  # of a picture that are converted at once: a whole one takes gigabytes as numbers
 CLEAREST = 0.1  # opacity of a material that transmits all light
-DRACO, MESHOPT = "KHR_draco_mesh_compression", ("EXT_meshopt_compression", "KHR_meshopt_compression")
-REMEDIES = {
-    DRACO: "import it into Blender, which reads it, and export it without compression",
-    **dict.fromkeys(MESHOPT, "write it without, e.g. gltfpack -i in.glb -o out.glb -noq"),
+DRACO = "KHR_draco_mesh_compression"
+REMEDIES = {  # of extensions by a word of their names
+    "draco": "import it into Blender, which reads it, and export it without compression",
+    "meshopt": "write it without, e.g. gltfpack -i in.glb -o out.glb -noq",
 }
-# Those that are read, and those that change neither shape nor base colour.
-KNOWN = {
-    *("KHR_mesh_quantization", "KHR_node_visibility", "EXT_mesh_gpu_instancing", "MSFT_lod", "KHR_texture_transform"),
-    *("KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds", "KHR_materials_variants"),
-    *("KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness", "KHR_materials_transmission"),
-    *("KHR_materials_emissive_strength", "KHR_materials_clearcoat", "KHR_materials_sheen", "KHR_materials_specular"),
-    *("KHR_materials_ior", "KHR_materials_volume", "KHR_materials_iridescence", "KHR_materials_anisotropy"),
-    *("KHR_materials_dispersion", "KHR_materials_diffuse_transmission", "KHR_lights_punctual", "KHR_xmp_json_ld"),
-    *("KHR_animation_pointer", "EXT_lights_image_based"),
-}
+# Extensions that are read, and those that change neither shape nor base colour.
+KNOWN = re.compile(
+    "KHR_(mesh_quantization|node_visibility|(materials|texture|lights|animation|xmp)_.*)"
+    "|EXT_(mesh_gpu_instancing|(texture|lights)_.*)"
+)
 Tree = dict[str, Any]
 
 
@@ -68,36 +66,31 @@ def read(path: Path, named: files.Files) -> part.Loaded:
 class _Document:
     def __init__(self, path: Path, named: files.Files):
         self.files, data = named, path.read_bytes()
-        binary = data[:4] == b"glTF"
-        if binary != (path.suffix.lower() == ".glb"):
-            raise ValueError(f"it is {'' if binary else 'not '}binary glTF: give it the right suffix, if it is whole")
-        old = binary and data[4:8] != b"\2\0\0\0"
-        self.tree, start = ({"asset": {"version": data[4]}}, 0) if old else gltf_tree(path)
+        self.tree, start = gltf_tree(path)
         version = self.tree.get("asset", {}).get("version", "of no version")
         if str(version).split(".")[0] != "2":
             raise ValueError(f"it is glTF {version}, not 2.0: convert it, e.g. gltf-pipeline -i old.gltf -o new.gltf")
         for name in self.tree.get("extensionsRequired", []):
-            if name not in KNOWN:
+            if not KNOWN.fullmatch(name):
                 raise _not_read("it", name)
         self.nodes = self.tree.get("nodes", [])
-        end = start + int.from_bytes(data[start - 8 : start - 4], "little") if len(data) >= start else 0
-        self.chunk = memoryview(data)[start:end] if binary else None
+        length = int.from_bytes(data[start - 8 : start - 4], "little") if path.suffix.lower() == ".glb" else 0
+        self.chunk = memoryview(data)[start : start + length]
         self.buffers = [self._buffer(*numbered) for numbered in enumerate(self.tree.get("buffers", []))]
-        self.size = len(data) + sum(len(buffer) for buffer in self.buffers if buffer is not None)
+        self.size = len(data) + sum(map(len, self.buffers))
         self.worlds = self._worlds()
         self.picture, self.material = cache(self._picture), cache(self._material)
 
-    def _buffer(self, number: int, given: Tree) -> bytes | memoryview | None:
-        """A buffer's content; None if it stands for what is compressed (EXT_meshopt_compression), and has none."""
-        if "uri" in given:
-            data = self._named(given["uri"])
-        else:
-            data = None if number or any(_extension(given, name).get("fallback") for name in MESHOPT) else self.chunk
-        if data is not None and len(data) < given["byteLength"]:
+    def _buffer(self, number: int, given: Tree) -> bytes | memoryview:
+        """A buffer's content; empty if it only stands for what is compressed (EXT_meshopt_compression)."""
+        if "uri" not in given and (number or given.get("extensions")):
+            return b""
+        data = self._uri(given["uri"]) if "uri" in given else self.chunk
+        if len(data) < given["byteLength"]:
             raise ValueError(f"cut off: buffer {number} says {given['byteLength']:,} bytes, and has {len(data):,}")
         return data
 
-    def _named(self, uri: str) -> bytes:
+    def _uri(self, uri: str) -> bytes:
         if uri[:5].lower() != "data:":
             return self.files.read(uri)
         head, _, body = uri.partition(",")
@@ -107,49 +100,43 @@ class _Document:
     def _view(self, number: int) -> memoryview:
         """The bytes of a buffer view."""
         view = self.tree["bufferViews"][number]
-        buffer, start, length = self.buffers[view["buffer"]], view.get("byteOffset", 0), view["byteLength"]
-        if buffer is None:
-            compressed = [name for name in MESHOPT if _extension(view, name)]
-            raise _not_read("it", *compressed) if compressed else ValueError(f"buffer {view['buffer']} has no data")
-        if not 0 <= start <= start + length <= len(buffer):
-            raise ValueError(f"cut off: bytes {start:,} to {start + length:,} of a buffer of {len(buffer):,}")
-        return memoryview(buffer)[start : start + length]
+        buffer, start = self.buffers[view["buffer"]], view.get("byteOffset", 0)
+        if not buffer and view.get("extensions"):
+            raise _not_read("it", next(iter(view["extensions"])))
+        return memoryview(buffer)[start : start + view["byteLength"]]
 
-    def _elements(self, name: str, given: Tree, count: int, component: int, width: int) -> np.ndarray:
+    def _elements(self, given: Tree, count: int, component: int, width: int) -> np.ndarray:
         """Elements (count, width) in a buffer view; given: an accessor, or the indices or values of a sparse one."""
-        data, start, dtype = (
-            self._view(given["bufferView"]),
-            given.get("byteOffset", 0),
-            np.dtype(COMPONENTS[component]),
-        )
-        size = dtype.itemsize * width
-        stride = self.tree["bufferViews"][given["bufferView"]].get("byteStride", size)
-        if count < 0 or start < 0 or stride <= 0 or (count and start + (count - 1) * stride + size > len(data)):
-            raise ValueError(f"{name} says {count:,} elements, and has {len(data):,} bytes at most")
-        return np.ndarray((count, width), dtype, data, start if count else 0, (stride, dtype.itemsize))
+        data, start, dtype = self._view(given["bufferView"]), given.get("byteOffset", 0), COMPONENTS[component]
+        size = np.dtype(dtype).itemsize
+        stride = self.tree["bufferViews"][given["bufferView"]].get("byteStride", size * width)
+        if start + (count - 1) * stride + size * width > len(data):
+            raise ValueError(f"cut off: {count:,} elements in a buffer view of {len(data):,} bytes")
+        return np.ndarray((count, width), dtype, data, start, (stride, size))
 
     def accessor(self, number: int) -> np.ndarray:
         """Elements (count, width) of an accessor as they are stored."""
-        given, name = self.tree["accessors"][number], f"accessor {number}"
+        given = self.tree["accessors"][number]
         count, component, width = given["count"], given["componentType"], WIDTHS[given["type"]]
+        if not 0 <= count <= ELEMENTS_A_BYTE * self.size:
+            raise ValueError(f"accessor {number} says {count:,} elements, and the file has {self.size:,} bytes")
         if "bufferView" in given:
-            values = self._elements(name, given, count, component, width)
-        elif 0 <= count <= ELEMENTS_A_BYTE * self.size:
-            values = np.zeros((count, width), COMPONENTS[component])
+            values = self._elements(given, count, component, width)
         else:
-            raise ValueError(f"{name} says {count:,} elements, and the file has {self.size:,} bytes")
-        if "sparse" in given:
-            few, values = given["sparse"], values.copy()
-            places = self._elements(name, few["indices"], few["count"], few["indices"]["componentType"], 1)[:, 0]
-            values[places] = self._elements(name, few["values"], few["count"], component, width)
+            values = np.zeros((count, width), COMPONENTS[component])
+        if few := given.get("sparse"):
+            places = self._elements(few["indices"], few["count"], few["indices"]["componentType"], 1)[:, 0]
+            values = values.copy()
+            values[places] = self._elements(few["values"], few["count"], component, width)
         return values
 
     def floats(self, number: int, normalise: bool = False) -> np.ndarray:
-        """Elements as numbers; integers, if the accessor says so or normalise, in parts of their largest."""
+        """Elements as floats; integers, if the accessor says so or normalise, in parts of their largest."""
         values = self.accessor(number)
-        if values.dtype.kind != "f" and (normalise or self.tree["accessors"][number].get("normalized")):
-            return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
-        return values
+        if values.dtype.kind == "f":
+            return values
+        parts = normalise or self.tree["accessors"][number].get("normalized")
+        return np.maximum(values / np.iinfo(values.dtype).max, -1.0) if parts else values.astype(float)
 
     def _worlds(self) -> dict[int, np.ndarray]:
         """Matrices (4, 4) from each node to the file's frame."""
@@ -161,40 +148,39 @@ class _Document:
                 raise ValueError(f"node {number} is a child of two nodes")
             worlds[number] = above @ _local(self.nodes[number])
             waiting += [(child, worlds[number]) for child in self.nodes[number].get("children", [])]
-        if len(worlds) < len(self.nodes):
-            raise ValueError(
-                f"nodes {sorted(set(range(len(self.nodes))) - set(worlds))} are below themselves (a cycle)"
-            )
+        if cycle := sorted(set(range(len(self.nodes))) - set(worlds)):
+            raise ValueError(f"nodes {cycle} are below themselves (a cycle)")
         return worlds
 
     def parts(self) -> list[trimesh.Trimesh]:
         """What the default scene, else the first, else every root node shows, in the order of the nodes' names."""
-        scenes, meshes = self.tree.get("scenes"), self.tree.get("meshes", [])
-        waiting, shown = list(scenes[self.tree.get("scene", 0)].get("nodes", []) if scenes else self.roots), set()
+        scenes = self.tree.get("scenes")
+        waiting = list(scenes[self.tree.get("scene", 0)].get("nodes", []) if scenes else self.roots)
+        shown = set()
         for number in waiting:  # which grows on the way
-            if number not in shown and _extension(self.nodes[number], "KHR_node_visibility").get("visible", True):
+            if _extension(self.nodes[number], "KHR_node_visibility").get("visible", True):
                 shown.add(number)
                 waiting += self.nodes[number].get("children", [])
-        names = _named([node.get("name", str(number)) for number, node in enumerate(self.nodes)])
-        places = [(mesh, place) for mesh, given in enumerate(meshes) for place in range(len(given["primitives"]))]
-        titles = dict(zip(places, _named([meshes[mesh].get("name", "GLTF") for mesh, _ in places]), strict=True))
         return [
             made
-            for number in sorted(shown, key=names.__getitem__)
-            if (mesh := self.nodes[number].get("mesh")) is not None
-            for place, primitive in enumerate(meshes[mesh]["primitives"])
-            for made in self._primitive(titles[mesh, place], primitive, meshes[mesh], self.nodes[number], number)
+            for number in sorted(shown, key=lambda number: (self.nodes[number].get("name", ""), number))
+            if "mesh" in self.nodes[number]
+            for place, primitive in enumerate(self.tree["meshes"][self.nodes[number]["mesh"]]["primitives"])
+            for made in self._primitive(number, place, primitive)
         ]
 
-    def _primitive(self, name: str, primitive: Tree, mesh: Tree, node: Tree, number: int) -> list[trimesh.Trimesh]:
-        """The parts that a node makes of a primitive: one, or one an instance."""
+    def _primitive(self, number: int, place: int, primitive: Tree) -> list[trimesh.Trimesh]:
+        """The parts that a node makes of a primitive of its mesh: one, or one an instance."""
+        node = self.nodes[number]
+        mesh = self.tree["meshes"][node["mesh"]]
+        name = mesh.get("name", str(node["mesh"])) + (f"_{place}" if place else "")
         attributes, mode = primitive["attributes"], primitive.get("mode", TRIANGLES)
-        used = {**attributes, "indices": primitive.get("indices", attributes.get("POSITION", 0))}.values()
-        if _extension(primitive, DRACO) and not all("bufferView" in self.tree["accessors"][each] for each in used):
-            raise _not_read(f"mesh {name}", DRACO)
         if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
             self.files.note(name, "points or lines, which have no surface: left out")
             return []
+        positions = self.tree["accessors"][attributes["POSITION"]]
+        if _extension(primitive, DRACO) and "bufferView" not in positions:
+            raise _not_read(f"mesh {name}", DRACO)
         weights = node.get("weights", mesh.get("weights", []))
 
         def values(key: str) -> np.ndarray | None:
@@ -205,82 +191,77 @@ class _Document:
             for weight, target in zip(weights, primitive.get("targets", []), strict=False):
                 if weight and key in target:
                     total = total.astype(float) + weight * self.floats(target[key], key == "COLOR_0")
-            if len(total) != self.tree["accessors"][attributes["POSITION"]]["count"]:
+            if len(total) != positions["count"]:
                 raise ValueError(f"mesh {name} has {len(total):,} elements of {key}, and not one a position")
             return total
 
         vertices, normals, colours = values("POSITION").astype(float), values("NORMAL"), values("COLOR_0")
         order = self.accessor(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
-        faces = _triangles(name, mode, order)
-        material, where = None, None
-        if "material" in primitive:
-            material, where = self.material(primitive["material"], frozenset(attributes))
+        if mode != TRIANGLES:
+            order = order[strip_triangles(order, [len(order)], mode == FAN)[0]]
+        elif len(order) % 3:
+            raise ValueError(f"mesh {name} has {len(order):,} corners of triangles, not a multiple of 3")
+        faces = order.reshape(-1, 3)
+        material, where = self.material(primitive.get("material"), frozenset(attributes))
         uv = None if where is None else values(f"TEXCOORD_{where.number}")
         if colours is not None:
             colours = np.round(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8)
             if colours.shape[1] == 3 or material is None or material.alphaMode in (None, "OPAQUE"):
                 colours = np.column_stack([colours[:, :3], np.full(len(colours), 255, np.uint8)])
+        uv = None if uv is None else _moved(uv, *where.transform)
         placed = []
-        for matrix in self._placements(node, number, attributes, len(vertices)):
+        for matrix in self._placements(node, number, attributes):
             linear, turned = matrix[..., :3, :3], None
             with np.errstate(invalid="ignore", over="ignore"):  # vertices that are not finite are looked for later
                 points = np.einsum("...ij,...j->...i", linear, vertices) + matrix[..., :3, 3]
                 if normals is not None:
                     turned = np.einsum("...ji,...j->...i", np.linalg.pinv(linear), normals)
-            mirrored = np.median(np.linalg.det(linear)) < 0
-            placed.append(
-                part.make_part(
-                    name, points, faces[:, ::-1] if mirrored else faces, material, normals=turned,
-                    uv=None if uv is None else _moved(uv, *where.transform), colours=colours,
-                    wrap=where and where.wrap,
-                )
-            )  # fmt: skip
+            sides = faces[:, ::-1] if np.median(np.linalg.det(linear)) < 0 else faces  # of what is mirrored
+            given = {"normals": turned, "uv": uv, "colours": colours, "wrap": where and where.wrap}
+            placed.append(part.make_part(name, points, sides, material, **given))
         return placed
 
-    def _placements(self, node: Tree, number: int, attributes: Tree, count: int) -> list[np.ndarray]:
-        """Matrices to the file's frame: one (4, 4), or one an instance, or one (count, 4, 4) of a skin's vertices."""
+    def _placements(self, node: Tree, number: int, attributes: Tree) -> list[np.ndarray]:
+        """Matrices to the file's frame: one (4, 4), or one an instance, or one (n, 4, 4) of a skin's n vertices."""
         if "skin" in node and "JOINTS_0" in attributes:  # the node's own transform is ignored (3.7.3.3)
             skin = self.tree["skins"][node["skin"]]
             joints = np.stack([self.worlds[joint] for joint in skin["joints"]])
             if "inverseBindMatrices" in skin:
                 inverse = self.accessor(skin["inverseBindMatrices"])[: len(joints)]
                 joints = joints @ inverse.reshape(-1, 4, 4).transpose(0, 2, 1)
-            matrices, total = np.zeros((count, 4, 4)), np.zeros((count, 1, 1))
-            for key in [key for key in attributes if key.startswith("JOINTS_")]:
-                weights = self.floats(attributes[key.replace("JOINTS", "WEIGHTS")]).astype(float)
-                for joint, weight in zip(self.accessor(attributes[key]).T, weights.T[..., None, None], strict=True):
-                    matrices += weight * joints[joint]
-                    total += weight
+            keys = sorted(key for key in attributes if key.startswith("JOINTS_"))
+            numbers = np.hstack([self.accessor(attributes[key]) for key in keys])
+            weights = np.hstack([self.floats(attributes[key.replace("JOINTS", "WEIGHTS")]) for key in keys])
+            total = weights.sum(axis=1, dtype=float)[:, None, None]
+            matrices = sum(w[:, None, None] * joints[n] for n, w in zip(numbers.T, weights.T, strict=True))
             return [np.where(total > 0, matrices / np.where(total > 0, total, 1), joints[0])]
         if instancing := _extension(node, "EXT_mesh_gpu_instancing"):
-            moved = {key.lower(): self.floats(accessor) for key, accessor in instancing["attributes"].items()}
-            return list(self.worlds[number] @ _matrices(moved))
+            moved = instancing["attributes"]
+            moved = {key: self.floats(moved[key.upper()]) for key in MOVES if key.upper() in moved}
+            return list(self.worlds[number] @ _matrices(**moved))
         return [self.worlds[number]]
 
-    def _material(self, number: int, attributes: frozenset[str]) -> tuple[PBRMaterial, Place | None]:
+    def _material(self, number: int | None, attributes: frozenset[str]) -> tuple[PBRMaterial | None, Place | None]:
         """A material for a part with such attributes, and how its textures lie."""
+        if number is None:
+            return None, None
         given = self.tree["materials"][number]
-        name, unlit = given.get("name"), "KHR_materials_unlit" in given.get("extensions", {})
+        name, extensions = given.get("name"), given.get("extensions", {})
+        unlit, glossy = "KHR_materials_unlit" in extensions, extensions.get("KHR_materials_pbrSpecularGlossiness")
         base, shine, factors = "baseColorTexture", "metallicRoughnessTexture", given.get("pbrMetallicRoughness", {})
-        if not unlit and "KHR_materials_pbrSpecularGlossiness" in given.get("extensions", {}):
-            base, shine = "diffuseTexture", "specularGlossinessTexture"
-            factors = _extension(given, "KHR_materials_pbrSpecularGlossiness")
-        keys = (base,) if unlit else (base, shine, "normalTexture", "emissiveTexture", "occlusionTexture")
+        if glossy is not None and not unlit:
+            base, shine, factors = "diffuseTexture", "specularGlossinessTexture", glossy
+        keys = (base,) if unlit else (base, shine, "normalTexture", "emissiveTexture")
         infos = {key: info for key in keys if (info := factors.get(key, given.get(key)))}
         where = next((self._where(info) for info in infos.values()), Place())
-        label, pictures, lost = name or f"material {number}", {}, set()
+        label, pictures = name or f"material {number}", {}
         for key, info in reversed(infos.items()):  # the colour last: what follows from its loss is said of a picture
             follows = files.GREY if key == base else "left out"
-            if self._where(info)[:2] != where[:2]:
-                picture, problem = None, "it lies otherwise than the base colour's"
-            elif f"TEXCOORD_{where.number}" not in attributes:
-                picture, problem = None, "a part has no coordinates for it"
-            else:
-                picture, problem = self.picture(info["index"], follows), None
-            if problem and key != "occlusionTexture":  # which is not drawn anyway
-                self.files.note(f"{label}, {key}", f"{problem}: {follows}")
-            pictures |= {} if picture is None else {key: picture}
-            lost |= {key} if picture is None else set()
+            if self._where(info)[:2] != where[:2] or f"TEXCOORD_{where.number}" not in attributes:
+                self.files.note(f"{label}, {key}", f"it has coordinates of its own, or none: {follows}")
+            elif (picture := self.picture(info["index"], follows)) is not None:
+                pictures[key] = picture
+        lost = infos.keys() - pictures.keys()
         if base in lost:
             return part.plain(part.GREY, name), None
         factors = {key: value for key, value in factors.items() if key.endswith("Factor")}
@@ -294,15 +275,13 @@ class _Document:
             made["emissiveFactor"] = strength * np.array(given["emissiveFactor"], dtype=float)
         made["baseColorFactor"] = np.array(made["baseColorFactor"], dtype=float)
         made |= {key: given[key] for key in ("alphaMode", "alphaCutoff", "doubleSided") if key in given}
-        clear = _extension(given, "KHR_materials_transmission")
         metal = 0 if "metallicRoughnessTexture" in made else made["metallicFactor"]
-        if (through := clear.get("transmissionFactor", 0) * (1 - metal)) > 0:
-            if "transmissionTexture" in clear:
-                self.files.note(f"{label}, transmissionTexture", "it is not read: clear all over")
+        through = _extension(given, "KHR_materials_transmission").get("transmissionFactor", 0) * (1 - metal)
+        if through > 0:
             if made.get("alphaMode", "OPAQUE") == "OPAQUE":  # whose alpha does not count
                 made["baseColorFactor"][3] = 1.0
-                if (picture := made.get("baseColorTexture")) is not None and picture.mode not in ("RGB", "L", "CMYK"):
-                    made["baseColorTexture"] = picture.convert("RGB")
+                if "baseColorTexture" in made:
+                    made["baseColorTexture"] = made["baseColorTexture"].convert("RGB")
             made["baseColorFactor"][3] *= 1 - (1 - CLEAREST) * through
             made["alphaMode"] = "BLEND"
         return PBRMaterial(name=name, **made), where
@@ -324,17 +303,15 @@ class _Document:
             self.files.note(f"texture {number}", f"it has no image: {follows}")
             return None
         image = self.tree["images"][source]
-        if "bufferView" in image:
-            data = bytes(self._view(image["bufferView"]))
-        else:
-            data = self._named(image["uri"]) if image["uri"][:5].lower() == "data:" else None
-        return self.files.picture(
-            image["uri"] if data is None else image.get("name") or f"image {source}", data, follows
-        )
+        uri = image.get("uri", "data:")
+        if uri[:5].lower() != "data:":
+            return self.files.picture(uri, None, follows)
+        data = bytes(self._view(image["bufferView"])) if "bufferView" in image else self._uri(uri)
+        return self.files.picture(image.get("name") or f"image {source}", data, follows)
 
 
 def _not_read(what: str, extension: str) -> ValueError:
-    remedy = REMEDIES.get(extension, "export it without")
+    remedy = next((remedy for word, remedy in REMEDIES.items() if word in extension), "export it without")
     return ValueError(f"{what} needs the extension {extension}, which is not read: {remedy}")
 
 
@@ -342,52 +319,25 @@ def _extension(given: Tree, name: str) -> Tree:
     return given.get("extensions", {}).get(name, {})
 
 
-def _named(titles: list[str]) -> list[str]:
-    """Names, each made unique as trimesh does."""
-    names: dict[str, None] = {}
-    counts: dict[str | None, int] = {}
-    for title in titles:
-        names[unique_name(title, names, counts)] = None
-    return list(names)
-
-
-def _triangles(name: str, mode: int, order: np.ndarray) -> np.ndarray:
-    """Faces (f, 3) of a primitive (3.7.2.1); order (n,): its vertices, one after the other."""
-    if mode == TRIANGLES:
-        if len(order) % 3:
-            raise ValueError(f"mesh {name} has {len(order):,} corners of triangles, not a multiple of 3")
-        return order.reshape(-1, 3)
-    first = np.arange(max(len(order) - 2, 0))
-    odd = first % 2
-    corners = [first, first + 1 + odd, first + 2 - odd] if mode == STRIP else [first + 1, first + 2, 0 * first]
-    return order[np.stack(corners, axis=1)]
-
-
 def _local(node: Tree) -> np.ndarray:
     """The matrix (4, 4) from a node to its parent."""
     if "matrix" in node:
         return np.reshape(node["matrix"], (4, 4)).T.astype(float)
-    moved = {key: np.array([node[key]], dtype=float) for key in ("translation", "rotation", "scale") if key in node}
-    return _matrices(moved)[0] if moved else np.eye(4)
+    return _matrices(**{key: [node[key]] for key in MOVES if key in node})[0]
 
 
-def _matrices(moved: dict[str, np.ndarray]) -> np.ndarray:
-    """Matrices (n, 4, 4) of those given of translation (n, 3), rotation (n, 4; w is last) and scale (n, 3)."""
-    matrices = np.tile(np.eye(4), (len(next(iter(moved.values()))), 1, 1))
-    if "rotation" in moved:
-        matrices[:, :3, :3] = Rotation.from_quat(moved["rotation"]).as_matrix()
-    matrices[:, :3, :3] *= moved.get("scale", np.ones((1, 3)))[:, None]
-    matrices[:, :3, 3] = moved.get("translation", 0)
+def _matrices(translation=((0, 0, 0),), rotation=((0, 0, 0, 1),), scale=((1, 1, 1),)) -> np.ndarray:
+    """Matrices (n, 4, 4) of translations (n, 3), rotations (n, 4; w is last) and scales (n, 3)."""
+    matrices = np.tile(np.eye(4), (max(len(translation), len(rotation), len(scale)), 1, 1))
+    matrices[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * np.asarray(scale)[:, None]
+    matrices[:, :3, 3] = translation
     return matrices
 
 
 def _moved(uv: np.ndarray, offset: tuple, rotation: float, scale: tuple) -> np.ndarray:
     """Texture coordinates (n, 2), v upwards, after KHR_texture_transform; rotation: anticlockwise, as seen."""
-    if (offset, rotation, scale) == Place().transform:
-        uv = uv.copy()
-    else:
-        cos, sin = np.cos(rotation), np.sin(rotation)
-        uv = uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]]) + np.array(offset)
+    cos, sin = np.cos(rotation), np.sin(rotation)
+    uv = (uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]]) + np.array(offset)).astype(uv.dtype)
     uv[:, 1] = 1.0 - uv[:, 1]
     return uv
 
@@ -395,14 +345,15 @@ def _moved(uv: np.ndarray, offset: tuple, rotation: float, scale: tuple) -> np.n
 def _from_glossy(factors: Tree, pictures: dict[str, Image]) -> Tree:
     """Factors and textures of the metallic and rough material of a glossy one, whose textures are taken out."""
     glossy = {key: pictures.pop(key) for key in ("diffuseTexture", "specularGlossinessTexture") if key in pictures}
-    size = tuple(np.max([picture.size for picture in glossy.values()], axis=0).tolist()) if glossy else (0, 1)
-    glossy, made = {key: picture.convert("RGBA").resize(size) for key, picture in glossy.items()}, {}
-    for top in range(0, size[1], STRIP_ROWS):
-        area = (0, top, size[0], min(top + STRIP_ROWS, size[1]))
-        strip = specular_to_pbr(**factors, **{key: picture.crop(area) for key, picture in glossy.items()})
-        for key, value in strip.items():
-            if isinstance(value, Image):
-                made.setdefault(key, new(value.mode, size)).paste(value, area)
-            else:
-                made[key] = value
-    return made
+    if not glossy:
+        return specular_to_pbr(**factors)
+    width, height = np.max([picture.size for picture in glossy.values()], axis=0).tolist()
+    glossy = {key: picture.convert("RGBA").resize((width, height)) for key, picture in glossy.items()}
+    areas = [(0, top, width, min(top + STRIP_ROWS, height)) for top in range(0, height, STRIP_ROWS)]
+    strips = [
+        specular_to_pbr(**factors, **{key: picture.crop(area) for key, picture in glossy.items()}) for area in areas
+    ]
+    return {
+        key: fromarray(np.concatenate([strip[key] for strip in strips])) if isinstance(value, Image) else value
+        for key, value in strips[0].items()
+    }
