@@ -1,4 +1,4 @@
-"""Polygons of any number of corners, concave or with holes, as triangles."""
+"""Polygons of any number of corners, concave or with holes, strips and fans as triangles."""
 
 from collections.abc import Sequence
 
@@ -49,6 +49,26 @@ def with_holes(rings: Sequence[np.ndarray]) -> np.ndarray:
     numbers = [ring[::-1] if k and _area(flat[ring]) > 0 else ring for k, ring in enumerate(numbers)]
     made = manifold3d.triangulate([flat[ring] for ring in numbers])
     return np.concatenate(numbers)[np.asarray(made, dtype=np.int64).reshape(-1, 3)]
+
+
+def strip_triangles(corners: np.ndarray, counts: np.ndarray, fan: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of strips or fans, as of `triangulate`: places (t, 3) in `corners`, and the strip (t,) of each.
+
+    A corner -1 ends a strip, and the next begins after it. Triangles that name a vertex twice only join strips: they
+    are left out.
+    """
+    corners, owner = np.asarray(corners, dtype=np.int64), np.repeat(np.arange(len(counts)), counts)
+    place, begins = np.arange(len(corners)), np.diff(owner, prepend=-1) > 0
+    begins[1:] |= corners[:-1] == -1
+    first = np.maximum.accumulate(np.where(begins, place, 0))
+    triangles = place[:-2, None] + np.arange(3)
+    if fan:
+        triangles[:, 0] = first[:-2]
+    else:  # every second one is wound the other way
+        triangles = np.where((place - first)[:-2, None] % 2, triangles[:, [1, 0, 2]], triangles)
+    a, b, c = corners[triangles].T
+    good = (first[:-2] == first[2:]) & (c != -1) & (a != b) & (b != c) & (c != a)
+    return triangles[good], owner[:-2][good]
 
 
 @np.errstate(invalid="ignore", over="ignore")  # vertices that are not finite are looked for later
