@@ -382,7 +382,7 @@ def test_skins(tmp_path):
     np.testing.assert_allclose(part.vertices[np.lexsort(part.vertices.T[::-1])], expected[np.lexsort(expected.T[::-1])])
     missing = facts(skinned(tmp_path / "c.dae", names="upper other"))
     np.testing.assert_allclose(missing["box"], [[5, 0, 0], [6, 1, 1]])
-    assert "joints is not in the scene" in missing["problems"]["c"]
+    assert "a joint is not in the scene" in missing["problems"]["c"]
 
 
 def test_beside_blender(tmp_path):

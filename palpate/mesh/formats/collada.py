@@ -32,17 +32,13 @@ def read(path: Path, files: Files) -> Loaded:
     return Loaded(_Document(root, files).parts(), float(unit))
 
 
-def _numbers(text):
+def _numbers(text, dtype=float):
     """Numbers (n,) of a text; decimal commas, as of some exporters in some countries, are read as points."""
     text = text or ""
     try:
-        return np.array((text if "." in text else text.replace(",", ".")).split(), dtype=float)
+        return np.array((text if "." in text else text.replace(",", ".")).split(), dtype)
     except ValueError as error:
-        raise ValueError(f"it has words that are no numbers, or commas, not decimal points: {error}") from None
-
-
-def _integers(text):
-    return np.array((text or "").split(), dtype=np.int64)
+        raise ValueError(f"its numbers are none, or have commas, not decimal points: {error}") from None
 
 
 class _Document:
@@ -95,12 +91,14 @@ class _Document:
                 yield self._part(primitive, positions, frame, *look, geometry.get("id") or "geometry")
 
     def _values(self, named):
-        """Rows of the numbers of a source that an <input> names, without columns that have no name."""
+        """Rows of the numbers, or the names, of a source that an <input> names, of its columns that have a name."""
         source = self.target(named.get("source"), "source")
         if source not in self.rows:
             accessor = source.find("technique_common/accessor")
-            stride, start = int(accessor.get("stride", 1)), int(accessor.get("offset", 0))
-            numbers = _numbers(self.ids[accessor.get("source").removeprefix("#")].text)[start:]
+            array, stride = self.ids[accessor.get("source").removeprefix("#")], int(accessor.get("stride", 1))
+            if array.tag in ("Name_array", "IDREF_array"):
+                return array.text.split()
+            numbers = _numbers(array.text)[int(accessor.get("offset", 0)) :]
             rows = numbers[: len(numbers) // stride * stride].reshape(-1, stride)
             if len(rows) < int(accessor.get("count", 0)):
                 raise ValueError(f"cut off: {source.get('id')} says {accessor.get('count')}, and has {len(rows):,}")
@@ -152,7 +150,7 @@ class _Document:
             return geometry, *self._skinned(deformer, instance, positions)
         inputs = _inputs(deformer.find("targets"))
         weights = self._values(inputs["MORPH_WEIGHT"]).ravel()
-        shapes = [self._shape(instance, name, frame)[1] for name in self._names(inputs["MORPH_TARGET"])]
+        shapes = [self._shape(instance, name, frame)[1] for name in self._values(inputs["MORPH_TARGET"])]
         if weights.any():
             base = positions if deformer.get("method") == "RELATIVE" else positions * (1 - weights.sum())
             positions = base + np.tensordot(weights, shapes, 1)
@@ -164,18 +162,18 @@ class _Document:
         inputs = _inputs(skin.find("joints"))
         roots = [self.target(skeleton.text, "node") for skeleton in instance.iterfind("skeleton")] or [self.root]
         nodes = {key: node for root in roots for node in root.iter("node") for key in (node.get("id"), node.get("sid"))}
-        frames = [self.frames.get(nodes.get(joint)) for joint in self._names(inputs["JOINT"])]
+        frames = [self.frames.get(nodes.get(joint)) for joint in self._values(inputs["JOINT"])]
         if any(frame is None for frame in frames):
             self.files.note(
-                skin.getparent().get("id"), "a skin one of whose joints is not in the scene: shown as it was bound"
+                skin.getparent().get("id"), "a joint is not in the scene: the skin is shown as it was bound"
             )
             return positions, bind
         moves = np.array(frames) @ self._values(inputs["INV_BIND_MATRIX"]).reshape(-1, 4, 4) @ bind
         if np.allclose(moves, moves[0], atol=1e-5 * np.abs(moves[0]).max()):
             return positions, moves[0]  # as it was bound
         table = skin.find("vertex_weights")
-        inputs, counts, pairs = _inputs(table), _integers(table.findtext("vcount")), _integers(table.findtext("v"))
-        pairs = pairs.reshape(-1, 1 + max(int(entry.get("offset")) for entry in inputs.values()))
+        inputs, counts = _inputs(table), _numbers(table.findtext("vcount"), int)
+        pairs = _numbers(table.findtext("v"), int).reshape(-1, 1 + max(map(int, table.xpath("input/@offset"))))
         joint, number = (pairs[:, int(inputs[semantic].get("offset"))] for semantic in ("JOINT", "WEIGHT"))
         weight, move = self._values(inputs["WEIGHT"]).ravel()[number], np.r_[moves, [bind]][joint]  # -1: of no joint
         blend = np.zeros((len(positions), 4, 4))
@@ -183,10 +181,6 @@ class _Document:
         blend[blend[:, 3, 3] == 0] = bind
         moved = np.einsum("nij,nj->ni", blend, np.c_[positions, np.ones(len(positions))])
         return moved[:, :3] / moved[:, 3:], np.eye(4)
-
-    def _names(self, named):
-        source = self.target(named.get("source"), "source")
-        return source.xpath("string(Name_array | IDREF_array)").split()
 
     def _material(self, symbol, bound):
         """The material of a symbol of a geometry, None without one, and the set of texture coordinates it names."""
@@ -208,9 +202,7 @@ class _Document:
 
     def _appearance(self, effect, name):
         """The material of an effect, and its name of the texture's coordinates."""
-        params = {
-            param.get("sid"): param.xpath(PARAMETER).strip().removeprefix("#") for param in effect.iter("newparam")
-        }
+        params = {one.get("sid"): one.xpath(PARAMETER).strip().removeprefix("#") for one in effect.iter("newparam")}
         shader = next(iter(effect.xpath("profile_COMMON/technique/*[diffuse or emission]")), effect)
         base = "emission" if shader.tag == "constant" else "diffuse"
         texture = shader.find(f"{base}/texture")
@@ -220,7 +212,11 @@ class _Document:
         )
         made, texcoord = plain(name=name), None
         if texture is not None:
-            image = self._picture(texture.get("texture"), params)
+            image = texture.get("texture")
+            for _ in range(2):  # through a sampler, and in 1.4 a surface
+                image = params.get(image, image)
+            file = self.root.xpath("string(//image[@id=$id]/init_from[not(hex)])", id=image).strip()
+            image = self.files.picture(file.removeprefix("file://") or image)
             made = plain(GREY if image is None else 1.0, name)
             made.baseColorTexture, texcoord = image, texture.get("texcoord")
         elif len(colour):
@@ -229,16 +225,6 @@ class _Document:
             made.emissiveFactor = np.clip(glow[:3], 0, 1)
         made.roughnessFactor = np.sqrt(2 / (2 + max([0, *_numbers(shader.findtext("shininess/float"))])))
         return made, texcoord
-
-    def _picture(self, name, params):
-        """The image of a texture, None if it can't be used: named by itself or by a sampler, in 1.4 of a surface."""
-        for _ in range(2):
-            name = params.get(name, name)
-        image = self.ids.get(name)
-        if image is None or image.tag != "image":
-            self.files.note(name, f"there is no such image: {NEUTRAL}")
-            return None
-        return self.files.picture(image.xpath("string(init_from[not(hex)])").strip().removeprefix("file://") or name)
 
 
 def _transform(element):
@@ -265,18 +251,18 @@ def _inputs(element):
 def _corners(primitive, positions, place):
     """Indices (3 t, k) of the corners of a primitive's triangles; positions (n, 3) are those in the column `place`."""
     width = 1 + max(map(int, primitive.xpath("input/@offset")), default=0)
-    lists = [_integers(one.text).reshape(-1, width) for one in primitive.iterfind("p")]
+    lists = [_numbers(one.text, int).reshape(-1, width) for one in primitive.iterfind("p")]
     rows, counts = np.concatenate([np.zeros((0, width), np.int64), *lists]), [len(corners) for corners in lists]
     if primitive.tag in ("tristrips", "trifans"):
         return rows[strip_triangles(rows[:, place], counts, primitive.tag == "trifans")[0].ravel()]
     if primitive.tag == "triangles":
         counts = [3] * (len(rows) // 3)
     elif primitive.tag == "polylist":
-        counts = _integers(primitive.findtext("vcount"))
+        counts = _numbers(primitive.findtext("vcount"), int)
     if sum(counts) > len(rows):
         raise ValueError(f"cut off: a polylist says {sum(counts):,} corners, and has {len(rows):,}")
     made = [rows[triangulate(positions, rows[:, place], counts)[0].ravel()]]
     for polygon in primitive.iterfind("ph"):
-        rings = [_integers(one.text).reshape(-1, width) for one in polygon if one.tag in ("p", "h")]
+        rings = [_numbers(one.text, int).reshape(-1, width) for one in polygon if one.tag in ("p", "h")]
         made.append(np.concatenate(rings)[with_holes([positions[ring[:, place]] for ring in rings]).ravel()])
     return np.concatenate(made)
