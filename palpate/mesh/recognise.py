@@ -13,8 +13,8 @@ _FORMATS = {
         ".sldprt .sldasm SolidWorks, .ipt .iam Inventor, .dwg .dxf AutoCAD, .catpart .catproduct CATIA, "
         ".prt .asm NX or Creo, .f3d Fusion, .fcstd FreeCAD, .3dm Rhino, .ifc IFC, .scad OpenSCAD",
     "not read: export it as glTF, OBJ or STL from Blender, or from the program that it comes from":
-        ".usd .usda .usdc .usdz USD, .fbx FBX, .blend Blender, .abc Alembic, .3ds .max 3ds Max, .ma .mb Maya, "
-        ".c4d Cinema 4D, .lwo LightWave, .skp SketchUp, .wrl .vrml VRML, .x3d X3D, .vtk .vtp .vtu VTK, .msh MSH, .amf AMF",
+        ".usd .usda .usdc .usdz USD, .fbx FBX, .blend Blender, .abc Alembic, .3ds .max 3ds Max, .ma .mb Maya, .c4d "
+        "Cinema 4D, .lwo LightWave, .skp SketchUp, .wrl .vrml VRML, .x3d X3D, .vtk .vtp .vtu VTK, .msh MSH, .amf AMF",
     "points without triangles: reconstruct a surface first": ".xyz .pcd .las .laz .e57 .pts point cloud",
 }  # fmt: skip
 # Name and remedy by suffix.
