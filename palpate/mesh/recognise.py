@@ -6,24 +6,25 @@ No engine is loaded.
 import re
 from pathlib import Path
 
-# Formats of 3D data that are not read: suffixes and names, by remedy.
+# Formats of 3D data that are not read: names and suffixes, by remedy.
 _FORMATS = {
     "solids, not triangles: export it as STL or glTF from a CAD program, such as FreeCAD":
-        ".step .stp .p21 STEP, .iges .igs IGES, .brep .brp BREP, .x_t .x_b Parasolid, .sat .sab ACIS, .jt JT, "
-        ".sldprt .sldasm SolidWorks, .ipt .iam Inventor, .dwg .dxf AutoCAD, .catpart .catproduct CATIA, "
-        ".prt .asm NX or Creo, .f3d Fusion, .fcstd FreeCAD, .3dm Rhino, .ifc IFC, .scad OpenSCAD",
+        "STEP: .step .stp .stpz .p21, IGES: .iges .igs, BREP: .brep .brp, Parasolid: .x_t .x_b .xmt_txt .xmt_bin, "
+        "ACIS: .sat .sab, JT: .jt, SolidWorks: .sldprt .sldasm, Inventor: .ipt .iam, AutoCAD: .dwg .dxf, "
+        "CATIA: .catpart .catproduct, NX or Creo: .prt .asm, Fusion: .f3d, FreeCAD: .fcstd, Rhino: .3dm, IFC: .ifc, "
+        "OpenSCAD: .scad",
     "not read: export it as glTF, OBJ or STL from Blender, or from the program that it comes from":
-        ".usd .usda .usdc .usdz USD, .fbx FBX, .blend Blender, .abc Alembic, .3ds .max 3ds Max, .ma .mb Maya, .c4d "
-        "Cinema 4D, .lwo LightWave, .skp SketchUp, .wrl .vrml VRML, .x3d X3D, .vtk .vtp .vtu VTK, .msh MSH, .amf AMF",
-    "points without triangles: reconstruct a surface first": ".xyz .pcd .las .laz .e57 .pts point cloud",
+        "USD: .usd .usda .usdc .usdz, FBX: .fbx, Blender: .blend, Alembic: .abc, 3ds Max: .3ds .max, Maya: .ma .mb, "
+        "Cinema 4D: .c4d, LightWave: .lwo .lws, SketchUp: .skp, VRML: .wrl .wrz .vrml, X3D: .x3d .x3dv, "
+        "VTK: .vtk .vtp .vtu, MSH: .msh, AMF: .amf",
+    "points without triangles: reconstruct a surface first": "point cloud: .xyz .pcd .las .laz .e57 .pts",
 }  # fmt: skip
 # Name and remedy by suffix.
 UNREAD: dict[str, tuple[str, str]] = {
-    suffix: (" ".join(word for word in entry.split() if word[0] != "."), remedy)
-    for remedy, entries in _FORMATS.items()
-    for entry in entries.split(", ")
-    for suffix in entry.split()
-    if suffix[0] == "."
+    suffix: (name, remedy)
+    for remedy, formats in _FORMATS.items()
+    for name, suffixes in (entry.split(": ") for entry in formats.split(", "))
+    for suffix in suffixes.split()
 }
 
 _XML = rb"(?:<\?xml[^>]*>\s*)?(?:<!--(?s:.*?)-->\s*)*"

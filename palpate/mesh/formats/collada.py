@@ -15,7 +15,6 @@ from palpate.mesh.formats.corners import distinct, usable_normals
 from palpate.mesh.part import GREY, Loaded, make_part, plain
 from palpate.mesh.polygons import strip_triangles, triangulate, with_holes
 
-ATTRIBUTES = ("POSITION", "NORMAL", "TEXCOORD", "COLOR")
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 # What a parameter of an effect stands for.
 PARAMETER = "string(sampler2D/source | sampler2D/instance_image/@url | surface/init_from | float4 | float3)"
@@ -38,7 +37,7 @@ def _numbers(text, dtype=float):
     try:
         return np.array((text if "." in text else text.replace(",", ".")).split(), dtype)
     except ValueError as error:
-        raise ValueError(f"its numbers are none, or have commas, not decimal points: {error}") from None
+        raise ValueError(f"a number in it can't be read, or has commas, not decimal points: {error}") from None
 
 
 class _Document:
@@ -118,8 +117,8 @@ class _Document:
         if positions is not self._values(inputs["POSITION"][1]):
             inputs.pop("NORMAL", None)  # of the shape that is not deformed
         rows = _corners(primitive, positions, inputs["POSITION"][0])
-        values = {semantic: self._values(inputs[semantic][1]) for semantic in ATTRIBUTES if semantic in inputs}
-        values["POSITION"] = positions
+        more = [semantic for semantic in ("NORMAL", "TEXCOORD", "COLOR") if semantic in inputs]
+        values = {"POSITION": positions} | {semantic: self._values(inputs[semantic][1]) for semantic in more}
         offsets = {semantic: inputs[semantic][0] for semantic in values}
         if rows[:, list(offsets.values())].min(initial=0) < 0:
             raise ValueError("the index of a corner is negative")
