@@ -117,11 +117,11 @@ def test_colours_and_textures_are_named_and_not_read(tmp_path, of):
     colour = 'pid="5" pindex="0"' if of == "object" else 'pid="5" p1="0"'
     group = '<basematerials id="5"><base name="a" displaycolor="#C81E1E"/></basematerials>'
     attributes, colours = (colour, [""] * 12) if of == "object" else ("", [*[""] * 11, colour])
-    resources = group + box(1, colours=colours, attributes=f'name="lid" {attributes}')
+    resources = group + box(1, colours=colours, attributes=attributes)
     (part,) = write(tmp_path / "a.3mf", resources, 'objectid="1"').parts
     assert measured(triangles([part]))["volume"] == pytest.approx(1)
     assert part.visual.material.baseColorFactor[0] == 204
-    assert load(tmp_path / "a.3mf")[1] == {"lid": "colours and textures of 3MF are not read: drawn in a plain grey"}
+    assert load(tmp_path / "a.3mf")[1] == {"a.3mf": "its colours and textures are not read: drawn in a plain grey"}
 
 
 @pytest.mark.parametrize(

@@ -28,8 +28,10 @@ def read(path: Path, files: Files) -> Loaded:
         raise ValueError("binary OFF, and OFF of other than three dimensions, are not read: write it as text or as PLY")
     count, faces = int(lines[0][0]), int(lines[0][1])
     rows, polygons = lines[1 : 1 + count], lines[1 + count : 1 + count + faces]
-    if len(rows) < count or sum(len(row) > int(row[0]) for row in polygons) < faces:
-        raise ValueError(f"cut off: it says {count:,} vertices and {faces:,} faces, and has fewer")
+    whole = sum(len(row) > int(row[0]) for row in polygons)
+    for stated, held, name in ((count, len(rows), "vertices"), (faces, whole, "faces")):
+        if held < stated:
+            raise ValueError(f"cut off: it says {stated:,} {name}, and has {held:,}")
     start = 6 if normal else 3  # of a vertex's colour
     table = np.array([row[:start] for row in rows], dtype=float).reshape(-1, start)
     vertices, normals, colours = table[:, :3], usable_normals(table[:, 3:]), None

@@ -94,10 +94,7 @@ def _elements(data):
         width = 8 * len(lines[0].split()) if one_a_line and count else 0
         lines = lines[count:]
         stored = [[code and (order + code if order else "d") for code in codes] for _, *codes in properties]
-        try:
-            columns, at = _rows(data, at, count, stored, width)
-        except struct.error:
-            raise ValueError(f"cut off: it says {count:,} of the element {name}, and has fewer") from None
+        columns, at = _rows(data, at, name, count, stored, width)
         held[name] = {}
         for (key, code, is_list), (values, lengths) in zip(properties, columns, strict=True):
             values = values if code in "fd" else values.astype(code)  # a float of a text keeps all its digits
@@ -107,33 +104,35 @@ def _elements(data):
     return held, textures
 
 
-def _rows(data, at, count, codes, width):
-    """(Values (n,), lengths (count,)) of each property of the rows that begin `at`, and where they end.
+def _rows(data, at, name, count, codes, width):
+    """(Values (n,), lengths (count,)) of each property of an element's rows, which begin `at`, and where they end.
 
     codes: of a value and, of a list, of its length; width: bytes of the first row's line, of which MeshLab writes more
-    than its header says. Raises struct.error if the data end before.
+    than its header says. Raises ValueError if the data end before.
     """
-    fields = []  # of the first row
-    for number, (code, length_code) in enumerate(codes):
-        length = 1
-        if length_code:
-            length = int(struct.unpack_from(length_code, data, at + np.dtype(fields).itemsize)[0]) if count else 0
-            fields.append((f"length {number}", length_code))
-        fields.append((f"{number}", code, (length,)))
-    fields.append(("more", f"V{max(0, width - np.dtype(fields).itemsize)}"))
-    row = np.dtype(fields)
-    if at + count * row.itemsize <= len(data):
-        table = np.frombuffer(data, row, count, at)
-        if all((table[name] == table[name][:1]).all() for name in row.names if "length" in name):
-            columns = [table[f"{number}"] for number in range(len(codes))]
-            return [(column.ravel(), np.full(count, column.shape[1])) for column in columns], at + table.nbytes
-    columns = [[] for _ in codes]
-    for _ in range(count):
-        for (code, length_code), column in zip(codes, columns, strict=True):
-            length = int(struct.unpack_from(length_code, data, at)[0]) if length_code else 1
-            at += struct.calcsize(length_code)
-            column.append(np.array(struct.unpack_from(f"{code[:-1]}{length}{code[-1]}", data, at), code))
-            at += column[-1].nbytes
+    fields, columns = [], [[] for _ in codes]
+    try:
+        for number, (code, length_code) in enumerate(codes):  # of the first row
+            length = 1
+            if length_code:
+                length = int(struct.unpack_from(length_code, data, at + np.dtype(fields).itemsize)[0]) if count else 0
+                fields.append((f"length {number}", length_code))
+            fields.append((f"{number}", code, (length,)))
+        row = np.dtype([*fields, ("more", f"V{max(0, width - np.dtype(fields).itemsize)}")])
+        if at + count * row.itemsize <= len(data):
+            table = np.frombuffer(data, row, count, at)
+            if all((table[key] == table[key][:1]).all() for key in row.names if "length" in key):
+                columns = [table[f"{number}"] for number in range(len(codes))]
+                return [(column.ravel(), np.full(count, column.shape[1])) for column in columns], at + table.nbytes
+        for _ in range(count):
+            for (code, length_code), column in zip(codes, columns, strict=True):
+                length = int(struct.unpack_from(length_code, data, at)[0]) if length_code else 1
+                at += struct.calcsize(length_code)
+                column.append(np.array(struct.unpack_from(f"{code[:-1]}{length}{code[-1]}", data, at), code))
+                at += column[-1].nbytes
+    except struct.error:
+        plural = {"vertex": "vertices"}.get(name, f"{name}s")
+        raise ValueError(f"cut off: it says {count:,} {plural}, and has {len(columns[-1]):,}") from None
     return [(np.concatenate(column), np.array([len(values) for values in column])) for column in columns], at
 
 

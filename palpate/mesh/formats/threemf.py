@@ -76,6 +76,6 @@ def _part(shape, frame, files):
     vertices = numbers(" ".join([corner.get(axis) for corner in corners for axis in "xyz"]).encode()).reshape(-1, 3)
     faces = np.array([int(face.get(key)) for face in triangles for key in ("v1", "v2", "v3")], np.int64).reshape(-1, 3)
     if shape.get("pid") or any(face.get("pid") for face in triangles):
-        files.note(name, "colours and textures of 3MF are not read: drawn in a plain grey")
+        files.note(files.path.name, "its colours and textures are not read: drawn in a plain grey")
     vertices = vertices @ frame[:3, :3] + frame[3, :3]
     return make_part(name, vertices, faces[:, ::-1] if np.linalg.det(frame) < 0 else faces)
