@@ -96,19 +96,19 @@ def _backs(triangles, place, shell, closed):
 
     triangles (f, 3, 3): corners of the faces; place (f, 3): the same, by number.
     """
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    area = np.bincount(shell, np.linalg.norm(cross, axis=1))
-    volume = np.bincount(shell, np.einsum("ij,ij->i", triangles[:, 0] - triangles[0, 0], cross))
-    corner = np.unique(np.repeat(shell, 3) * (int(place.max()) + 1) + place.ravel())
-    corner_shell, corner = np.divmod(corner, int(place.max()) + 1)
+    area = np.bincount(shell, np.linalg.norm(_cross(triangles), axis=1))
+    volume = np.bincount(shell, np.einsum("ij,ij->i", triangles[:, 0] - triangles[0, 0], _cross(triangles)))
+    size = int(place.max()) + 1
+    corner_shell, corner = np.divmod(np.unique(np.repeat(shell, 3) * size + place.ravel()), size)
     start = np.searchsorted(corner_shell, np.arange(len(closed) + 1))
-    back, seen = np.zeros(len(closed), dtype=bool), {}
+    back, at = np.zeros(len(closed), dtype=bool), {}
     for number in np.flatnonzero(closed):
-        other = seen.setdefault(corner[start[number] : start[number + 1]].tobytes(), number)
+        corners = corner[start[number] : start[number + 1]].tobytes()
+        other = at.setdefault(corners, number)
         if other != number and abs(area[other] - area[number]) < 1e-6 * area[number]:
-            out = volume[other] < 0 < volume[number]
-            back[other if out else number] = True
-            seen[corner[start[number] : start[number + 1]].tobytes()] = number if out else other
+            at[corners] = number if volume[other] < 0 < volume[number] else other
+            back[[number, other]] = True
+            back[at[corners]] = False
     return back
 
 
@@ -126,7 +126,12 @@ def _shared(place, shell, closed, back):
 
 
 def _collapsed(faces):
-    return (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+    return (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+
+
+def _cross(triangles):
+    """Normals (f, 3) of triangles (f, 3, 3), twice as long as their area."""
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
 def _doubled(vertices, faces, merged, among, tolerance):
@@ -187,9 +192,8 @@ def _border(faces, group, count):
 
 def _droppable(vertices, faces, keep, tolerance):
     """Faces (f,) bool thinner than the tolerance, unless that opens a closed surface: one may close a crack."""
-    side = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]
-    longest = np.linalg.norm(side, axis=2).max(axis=1)
-    height = np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) / np.maximum(longest, 1e-300)
+    longest = np.linalg.norm(vertices[np.roll(faces, -1, axis=1)] - vertices[faces], axis=2).max(axis=1)
+    height = np.linalg.norm(_cross(vertices[faces]), axis=1) / np.maximum(longest, 1e-300)
     thin = keep & (height <= tolerance)
     if not thin.any():
         return thin
@@ -221,7 +225,7 @@ def _inside_out(vertices, faces, patch, closed):
     """
     origin = vertices.mean(axis=0)
     corner = vertices[faces] - origin
-    volume = np.bincount(patch, weights=np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])))
+    volume = np.bincount(patch, weights=np.einsum("ij,ij->i", corner[:, 0], _cross(corner)))
     negative = closed & (volume < 0)
     if not negative.any():
         return negative
@@ -254,15 +258,12 @@ def _seen_from_behind(vertices, faces, patch, candidates):
     lengths = np.diff(np.r_[start, len(index)])
     rank, length = np.arange(len(index)) - np.repeat(start, lengths), np.repeat(lengths, lengths)
     chosen = index[rank * 16 // length != (rank - 1) * 16 // length]
-    mesh = Trimesh(vertices, faces, process=False, validate=False)
-    normal = np.cross(
-        vertices[faces[chosen, 1]] - vertices[faces[chosen, 0]], vertices[faces[chosen, 2]] - vertices[faces[chosen, 0]]
-    )
+    shooter = RayMeshIntersector(Trimesh(vertices, faces, process=False, validate=False))
+    corner = vertices[faces[chosen]]
+    normal, centre = _cross(corner), corner.mean(axis=1)
     area = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(area, 1e-300)[:, None]
-    centre = vertices[faces[chosen]].mean(axis=1)
     offset = 1e-4 * np.linalg.norm(np.ptp(vertices, axis=0))
-    shooter = RayMeshIntersector(mesh)
     escaped = []
     for side in (normal, -normal):
         tangent = np.cross(side, np.eye(3)[np.abs(side).argmin(axis=1)])
@@ -270,10 +271,8 @@ def _seen_from_behind(vertices, faces, patch, candidates):
         other = np.cross(side, tangent)
         free = np.zeros(len(chosen))
         for k in range(8):
-            turn = 2 * np.pi * k / 8
-            around = np.cos(turn) * tangent + np.sin(turn) * other
-            tilt = np.deg2rad((15, 40, 65, 80)[k % 4])
-            direction = np.cos(tilt) * side + np.sin(tilt) * around
+            turn, tilt = 2 * np.pi * k / 8, np.deg2rad((15, 40, 65, 80)[k % 4])
+            direction = np.cos(tilt) * side + np.sin(tilt) * (np.cos(turn) * tangent + np.sin(turn) * other)
             free += ~shooter.intersects_any(centre + offset * side, direction)
         escaped.append(np.bincount(patch[chosen], weights=free * area, minlength=len(candidates)))
     total = 8 * np.bincount(patch[chosen], weights=area, minlength=len(candidates))

@@ -158,10 +158,6 @@ def test_colours_of_vertices_are_linear_light_of_parts_without_a_material(tmp_pa
         ("<translate>1 0 0</translate><scale>2 2 2</scale>", translation_matrix((1, 0, 0)) @ scale_matrix(2)),
         ("<matrix>0 -1 0 5 1 0 0 6\n0 0 2 7 0 0 0 1</matrix>",
          [[0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 2, 7], [0, 0, 0, 1]]),
-        # At (1, 2, 3), its -z towards +x, its y up.
-        ("<lookat>1 2 3 5 2 3 0 0 1</lookat>", [[0, 0, -1, 1], [-1, 0, 0, 2], [0, 1, 0, 3], [0, 0, 0, 1]]),
-        # Of the specification: "a displacement of points along the x-axis due to a rotation of 45 about y".
-        ("<skew>45 0 1 0 1 0 0</skew>", [[1, 1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
     ],
 )  # fmt: skip
 def test_transforms(tmp_path, transform, expected):
@@ -212,9 +208,10 @@ def test_other_versions_and_spaces(tmp_path):
         ({"scene": '<node><instance_geometry url="#other"/></node>'}, "no geometry '#other'"),
         ({"scene": '<node><instance_node url="parts.dae#wheel"/></node>'}, "no node 'parts.dae#wheel'"),
         ({"scene": '<node id="n"><instance_node url="#n"/></node>'}, "within itself"),
+        ({"scene": "<node><skew>45 0 1 0 1 0 0</skew></node>"}, "has a <skew>, which is not read"),
         ({"scene": "<library_visual_scenes/>", "shown": ""}, "no visual scene that shows"),
-        ({"geometries": geometry(polylist(sides=[*SIDES, (0, 1, 8)]))}, "number 8 of 8|index 8 is out of bounds"),
-        ({"geometries": geometry(polylist(sides=[*SIDES, (0, 1, -1)]))}, "number .* of 8"),
+        ({"geometries": geometry(polylist(sides=[*SIDES, (0, 1, 8)]))}, "index 8 is out of bounds"),
+        ({"geometries": geometry(polylist(sides=[*SIDES, (0, 1, -1)]))}, "negative"),
         ({"geometries": geometry(polylist()).replace(">0 0 0 ", ">0 0 ", 1)}, "cut off"),
         ({"geometries": geometry(polylist()).replace("<vcount>4", "<vcount>5", 1)}, "cut off"),
         ({"geometries": geometry(polylist()).replace(">0 0 0 ", ">0,5,1 0 0 ", 1)}, "commas, not decimal points"),
@@ -297,26 +294,17 @@ INSTANCE = '<newparam sid="sam"><sampler2D><instance_image url="#img"/></sampler
 @pytest.mark.parametrize(
     "file", ["maps/a b.png", "maps/a%20b.png", "file://maps/a%20b.png", "file:///else/maps/a b.png", "./maps\\a b.png"]
 )
-@pytest.mark.parametrize("way", ["surface", "image", "instance", "ref", "data", "hex"])
+@pytest.mark.parametrize("way", ["surface", "image", "instance", "ref"])
 def test_textures(tmp_path, file, way):
     (tmp_path / "maps").mkdir()
     PIL.Image.new("RGB", (4, 4), (1, 2, 3)).save(tmp_path / "maps/a b.png")
     if "else" in file:  # the last part of a path elsewhere, beside the file
         (tmp_path / "maps/a b.png").rename(tmp_path / "a b.png")
-    data = (
-        tmp_path
-        / file.replace("file:///else/maps/a b.png", "a b.png")
-        .replace("file://", "")
-        .replace("%20", " ")
-        .replace("\\", "/")
-    ).read_bytes()
     libraries = {
         "surface": looks(TEXTURED, file),
         "image": looks(IMAGE[0], file, params=""),
         "instance": looks(TEXTURED, file, params=INSTANCE),
         "ref": looks(TEXTURED, image=f"<init_from>\n <ref>{file}</ref>\n</init_from>"),
-        "data": looks(TEXTURED, image=f"<data>\n{data.hex()}</data>"),
-        "hex": looks(TEXTURED, image=f'<init_from><hex format="PNG">{data.hex()}</hex></init_from>'),
     }
     made, problems = material(tmp_path / "a.dae", libraries[way])
     assert not problems and made.baseColorTexture.getpixel((0, 0)) == (1, 2, 3)
@@ -326,6 +314,7 @@ def test_textures(tmp_path, file, way):
 def test_what_materials_lack_is_grey_and_named(tmp_path):
     lacks = {
         "gone.png": looks(TEXTURED, "gone.png"),
+        "img": looks(TEXTURED, image='<init_from><hex format="PNG">89504E47</hex></init_from>'),
         "nothing": looks('<lambert><diffuse><texture texture="nothing" texcoord="UV1"/></diffuse></lambert>'),
         "red": looks(DIFFUSE).replace('effect id="e"', 'effect id="f"'),
     }
@@ -393,7 +382,7 @@ def test_skins(tmp_path):
     np.testing.assert_allclose(part.vertices[np.lexsort(part.vertices.T[::-1])], expected[np.lexsort(expected.T[::-1])])
     missing = facts(skinned(tmp_path / "c.dae", names="upper other"))
     np.testing.assert_allclose(missing["box"], [[5, 0, 0], [6, 1, 1]])
-    assert "joints is not in the scene" in missing["problems"]["c"]
+    assert "a joint is not in the scene" in missing["problems"]["c"]
 
 
 def test_beside_blender(tmp_path):

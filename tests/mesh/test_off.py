@@ -51,7 +51,7 @@ def test_what_vertices_have(tmp_path):
     alpha = np.full(8, 255)
     forms = {
         "COFF": (COLOURS, alpha), "NOFF": (NORMALS,), "STOFF": (UV,), "CNOFF": (NORMALS, COLOURS, alpha),
-        "STCNOFF": (NORMALS, COLOURS, UV), "4OFF": (np.full(8, 1.0),), "C4OFF": (np.full(8, 1.0), COLOURS),
+        "STCNOFF": (NORMALS, COLOURS, UV),
     }  # fmt: skip
     for keyword, columns in forms.items():
         (part,) = write(tmp_path / "a.off", keyword, columns)
@@ -61,13 +61,6 @@ def test_what_vertices_have(tmp_path):
             np.testing.assert_array_equal(part.visual.vertex_attributes["color"][:, :3], light(COLOURS))
         if "N" in keyword:
             np.testing.assert_allclose(part.metadata["vertex_normals"], NORMALS / np.sqrt(0.75))
-        if "ST" in keyword:
-            np.testing.assert_array_equal(part.visual.uv, UV)
-
-
-def test_a_fourth_coordinate_divides(tmp_path):
-    (part,) = write(tmp_path / "a.off", "4OFF", (np.full(8, 2.0),))
-    np.testing.assert_allclose(part.extents, 0.5)
 
 
 @pytest.mark.parametrize("form", ["{} {} {}", "{} {} {} 255", "shares", "some"])
@@ -90,7 +83,7 @@ def test_an_entry_of_a_colour_table_does_not_count(tmp_path):
     assert is_box(part) and "color" not in part.visual.vertex_attributes
 
 
-@pytest.mark.parametrize("head", ["OFF BINARY\n8 6 12", "nOFF\n4\n8 6 12"])
+@pytest.mark.parametrize("head", ["OFF BINARY\n8 6 12", "4OFF\n8 6 12", "nOFF\n4\n8 6 12"])
 def test_binary_and_other_dimensions_are_said(tmp_path, head):
     with pytest.raises(UnusableObject, match="binary OFF, and OFF of other than three dimensions, are not read"):
         write(tmp_path / "a.off", head=head)

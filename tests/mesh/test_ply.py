@@ -211,12 +211,15 @@ def test_counts_that_no_file_can_hold_and_points_alone(tmp_path):
         load(write(tmp_path / "c.ply", face=[("list uchar int", "corners", SIDES)]))
 
 
-def test_more_in_a_line_than_the_header_has(tmp_path):
-    """As MeshLab's colours of corners."""
+def test_more_in_the_lines_of_a_text_than_the_header_has(tmp_path):
+    """As MeshLab's colours of corners; numbers at the end of the file are an error."""
     path = write(tmp_path / "a.ply")
     head, body = path.read_text().split("end_header\n")
     path.write_text(head + "end_header\n" + "".join(line + " 9 1 1 1\n" for line in body.splitlines()))
     assert is_box(load(path)[0].parts[0])
+    path.write_text(head + "end_header\n" + body + "9 1 1 1\n")
+    with pytest.raises(UnusableObject, match="4 numbers more than its header says"):
+        load(path)
 
 
 def test_beside_blender(tmp_path):

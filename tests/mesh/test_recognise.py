@@ -3,7 +3,6 @@
 import io
 import zipfile
 
-import PIL.Image
 import pytest
 
 from palpate.batch import UnusableObject
@@ -20,12 +19,6 @@ def archive(name: str) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as made:
         made.writestr(name, b"v 0 0 0\n")
-    return file.getvalue()
-
-
-def picture() -> bytes:
-    file = io.BytesIO()
-    PIL.Image.new("RGB", (4, 4)).save(file, "PNG")
     return file.getvalue()
 
 
@@ -54,10 +47,7 @@ def test_cases(file, says):
         (b"Kaydara FBX Binary  \0", "FBX"), (b"; FBX 7.3.0 project file", "FBX"), (b"#usda 1.0\n", "USD"),
         (b"PXR-USDC\0", "USD"), (b"BLENDER-v300", "Blender"), (b"#VRML V2.0 utf8\n", "VRML"),
         (archive("a.obj"), "unpack"), (b"\x1f\x8b\x08\0", "unpack"),
-        (b"Rar!\x1a\x07", "unpack"), (b"%PDF-1.7", "document"),
-        (picture(), "picture"),
-        (b"", "empty"), (bytes(3000), "zeros"), (b"# vtk DataFile Version 3.0\n", "VTK"),
-        (b'<?xml version="1.0"?>\n<!DOCTYPE X3D PUBLIC "a">\n<X3D>', "X3D"),
+        (b"Rar!\x1a\x07", "unpack"), (b"", "empty"), (b" \n", "empty"), (bytes(3000), "zeros"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("suffix", FORMATS)

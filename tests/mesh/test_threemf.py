@@ -5,7 +5,6 @@ import zipfile
 import numpy as np
 import pytest
 import trimesh
-from trimesh.visual.color import srgb_to_linear
 
 from palpate import mesh
 from palpate.batch import UnusableObject
@@ -113,34 +112,16 @@ def test_units(tmp_path, unit, metres):
     assert write(tmp_path / "a.3mf", box(1), 'objectid="1"', attributes=attributes).unit == metres
 
 
-GROUPS = (
-    '<basematerials id="5"><base name="a" displaycolor="#C81E1E"/><base name="b" displaycolor="#1ec81e80"/>'
-    "</basematerials>"
-    '<m:colorgroup id="6"><m:color color="#0000FF"/><m:color color="#FFFFFF"/><m:color color="#000000"/></m:colorgroup>'
-)
-
-
-def test_colours_of_objects_triangles_and_corners(tmp_path):
-    def light(*colour):
-        return [*np.round(255 * srgb_to_linear(np.array([colour], np.uint8)))[0], 255]
-
-    colours = ['pid="6" p1="0" p2="1" p3="2"', 'pid="5" p1="1"', *[""] * 10]
-    for attributes, rest in (('pid="5" pindex="0"', light(200, 30, 30)), ("", [204, 204, 204, 255])):
-        resources = GROUPS + box(1, colours=colours, attributes=attributes)
-        (part,) = write(tmp_path / "a.3mf", resources, 'objectid="1"').parts
-        found = part.visual.vertex_attributes["color"][part.faces]
-        assert found[0].tolist() == [light(0, 0, 255), light(255, 255, 255), light(0, 0, 0)]
-        assert (found[1] == [*light(30, 200, 30)[:3], 128]).all()
-        np.testing.assert_allclose(found[2:], np.broadcast_to(rest, (10, 3, 4)), atol=1)
-        assert measured(triangles([part]))["volume"] == pytest.approx(1)
-    (part,) = write(tmp_path / "b.3mf", GROUPS + box(1), 'objectid="1"').parts
-    assert "color" not in part.visual.vertex_attributes and part.visual.material.baseColorFactor[0] == 204
-
-
-def test_a_texture_is_named(tmp_path):
-    resources = '<m:texture2dgroup id="9" texid="3"/>' + box(1, attributes='pid="9" pindex="0"')
-    write(tmp_path / "a.3mf", resources, 'objectid="1"')
-    assert load(tmp_path / "a.3mf")[1] == {"texture2dgroup 9": "is not read: drawn in a plain grey"}
+@pytest.mark.parametrize("of", ["object", "triangle"])
+def test_colours_and_textures_are_named_and_not_read(tmp_path, of):
+    colour = 'pid="5" pindex="0"' if of == "object" else 'pid="5" p1="0"'
+    group = '<basematerials id="5"><base name="a" displaycolor="#C81E1E"/></basematerials>'
+    attributes, colours = (colour, [""] * 12) if of == "object" else ("", [*[""] * 11, colour])
+    resources = group + box(1, colours=colours, attributes=attributes)
+    (part,) = write(tmp_path / "a.3mf", resources, 'objectid="1"').parts
+    assert measured(triangles([part]))["volume"] == pytest.approx(1)
+    assert part.visual.material.baseColorFactor[0] == 204
+    assert load(tmp_path / "a.3mf")[1] == {"a.3mf": "its colours and textures are not read: drawn in a plain grey"}
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,7 @@ import numpy as np
 
 def numbers(text: bytes) -> np.ndarray:
     """Numbers (n,) of a text that are separated by white space. Raises ValueError if one is none."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
+    with warnings.catch_warnings(action="error", category=DeprecationWarning):
         try:
             return np.fromstring(text, sep=" ")
         except DeprecationWarning:

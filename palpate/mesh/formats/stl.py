@@ -25,23 +25,16 @@ def read(path: Path, files: Files) -> Loaded:
     # A text's bytes 80 to 84 are a number that is larger than any file.
     count, held = int.from_bytes(data[80:84], "little"), max(len(data) - 84, 0) // TRIANGLE.itemsize
     text = data.replace(b"\r", b"\n") if data[:1024].lstrip()[:5].lower() == b"solid" else b""
-    if (count and held >= count) or not (FACET.search(text) or END.search(text)):
+    *solids, rest = END.split(text)
+    if (count and held >= count) or not (solids or FACET.search(rest)):
         if len(data) < 84 or held < count:
             raise ValueError(f"cut off: it says {count:,} faces, and has {held:,}")
-        return Loaded([_part("solid", np.frombuffer(data, TRIANGLE, count, 84)["corners"])])
-    *solids, rest = END.split(text)
-    if FACET.search(rest):
-        raise ValueError("cut off: its last solid has no `endsolid`")
-    return Loaded([_part(f"solid {number}", _text(solid)) for number, solid in enumerate(solids)])
-
-
-def _text(solid):
-    corners, facets = VERTEX.findall(solid), len(FACET.findall(solid))
-    values = numbers(b" ".join(corners))
-    if len(corners) != 3 * facets or len(values) != 9 * facets:
-        raise ValueError(f"it has {facets:,} facets and {len(values) / 3:,g} vertices, not three times as many")
-    return values.reshape(-1, 3, 3)
-
-
-def _part(name, triangles):
-    return make_part(name, triangles.reshape(-1, 3).astype(float), np.arange(3 * len(triangles)).reshape(-1, 3))
+        parts = [np.frombuffer(data, TRIANGLE, count, 84)["corners"].astype(float)]
+    else:
+        if FACET.search(rest):
+            raise ValueError("cut off: its last solid has no `endsolid`")
+        parts = [numbers(b" ".join(VERTEX.findall(solid))) for solid in solids]
+        if [len(part) for part in parts] != [9 * len(FACET.findall(solid)) for solid in solids]:
+            raise ValueError("cut off: it has a facet that has not three vertices")
+    faces = [np.arange(part.size // 3).reshape(-1, 3) for part in parts]
+    return Loaded([make_part(f"solid {k}", part.reshape(-1, 3), faces[k]) for k, part in enumerate(parts)])
