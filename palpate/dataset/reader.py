@@ -6,6 +6,7 @@ grasp.reading, grasp.success, grasp.points
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, overload
@@ -291,16 +292,13 @@ class _Record:
         return Camera.from_matrices(self.intrinsics, self.extrinsics, size)
 
     def __getattr__(self, name: str) -> np.ndarray:
-        known = ", ".join(sorted(self.stage_of))
-        raise AttributeError(
-            f"{type(self).__name__} has no {name!r}{nearest(name, dir(type(self)))}; its arrays are {known}"
-        )
+        hint = nearest(name, dir(type(self)))
+        raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}; its arrays are {', '.join(self.stage_of)}")
 
 
 def _described(stage: str, spec: ArraySpec, leading: int) -> str:
     """Shape, type, unit and meaning of a row of an array, whose leading axes are indexed, as is that of cameras."""
-    axes = [str(axis) for axis in spec.shape[leading:] if axis != "k"]
-    shape = f"({axes[0]},)" if len(axes) == 1 else f"({', '.join(axes)})"
+    shape = replace(spec, shape=tuple(axis for axis in spec.shape[leading:] if axis != "k")).axes
     unit = f", {spec.unit}" if spec.unit else ""
     optional = " Not in every run." if spec.optional else ""
     return f"{shape} {spec.dtype}{unit}. {spec.meaning}. Of the {stage} store.{optional}"

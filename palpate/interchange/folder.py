@@ -73,7 +73,7 @@ def export(
         contents.layout.write(partial, splits)
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
-        files = sorted(path for path in partial.rglob("*") if path.is_file())
+        files = sorted(filter(Path.is_file, partial.rglob("*")))
         with ThreadPoolExecutor(2) as pool:
             sums = pool.map(checksums.size_and_sha256, files)
             manifest = dict(zip((path.relative_to(partial).as_posix() for path in files), sums, strict=True))
