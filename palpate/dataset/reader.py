@@ -161,16 +161,14 @@ class Dataset(Sequence):
         chosen = self if split is None else self.split(split)
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
-    @property
-    def asked_stores(self) -> set[str]:
-        """The stores that the run should have, of the stages that the objects must have come through."""
-        return {*self._run.asked_stores} & {*self._required}
-
-    def digests(self, stages: Iterable[str]) -> dict[tuple[str, str], str]:
+    def digests(self, stages: Iterable[str] | None = None) -> dict[tuple[str, str], str]:
         """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
 
+        stages: by default those that the run has or should have, of those that the objects must have come through.
         Raises StoreError, with the command that builds it, if a store is missing.
         """
+        if stages is None:
+            stages = {*self._run.asked_stores, *self.stages} & {*self._required}
         batches = dict.fromkeys(entry.batch for entry in self._entries.values())
         return {(name, batch): self._run.store(name, batch).digest for name in stages for batch in batches}
 

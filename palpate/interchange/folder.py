@@ -65,8 +65,7 @@ def export(
         source = "procedural, made by palpate (no one's meshes)"
     splits = grasps_by_split(dataset, arrays)
     contents = Contents(dataset, splits, FORMATS[layout], spdx(licence), source)
-    stages = {stage for stage, _ in contents.grasps.sources.values()}
-    digests = dataset.digests(stages if arrays is not None else stages | dataset.asked_stores)
+    digests = dataset.digests(None if arrays is None else {stage for stage, _ in contents.grasps.sources.values()})
     with atomic_write(folder) as partial:
         partial.mkdir()
         _write_descriptions(partial, dataset)

@@ -17,7 +17,9 @@ from palpate.dataset import GraspDataset
 from palpate.interchange.items import TEXT, Layout, with_progress
 from palpate.store.zarr_files import COMPRESSION
 
-ROWS = 64  # grasps of a file, and in memory before they are written; a chunk is one, so that it is read alone
+# Grasps of a chunk, which is a file, and in memory before they are written. Zarr takes longer to read a grasp by itself
+# from a shard than all 16 of a chunk.
+ROWS = 16
 
 
 def write_zarr_groups(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
@@ -38,8 +40,7 @@ def _create(group: zarr.Group, name: str, value: np.ndarray, grasps: GraspDatase
         name,
         shape=(len(grasps), *value.shape),
         dtype="string" if name in TEXT else value.dtype,
-        chunks=(1, *value.shape),
-        shards=(ROWS, *value.shape),
+        chunks=(ROWS, *value.shape),
         compressors=BloscCodec(**COMPRESSION),
         attributes={"meaning": spec.meaning, "unit": spec.unit} if spec else {},
         dimension_names=("grasp", *(grasps.dimensions(name) if spec else ())),

@@ -133,10 +133,9 @@ CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.item
 
 def arrays_by_name(of_grasps: bool, of_frames: bool = False) -> dict[str, tuple[str, ArraySpec]]:
     """Stage and contract of the arrays with a row a frame, a grasp, or an object only, but for `object`."""
-    found = [(stage, each) for stage, store in CONTRACT.items() for each in store.arrays.values() if each.of_objects]
-    rows = of_grasps, of_frames
     return {
-        each.name: (stage, each)
-        for stage, each in found
-        if (each.of_grasps, each.of_frames) == rows and each.name != "object"
+        spec.name: (stage, spec)
+        for stage, store in CONTRACT.items()
+        for spec in store.arrays.values()
+        if spec.of_objects and (spec.of_grasps, spec.of_frames) == (of_grasps, of_frames) and spec.name != "object"
     }
