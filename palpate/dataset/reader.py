@@ -5,7 +5,7 @@ grasp = dataset["bottle-0007"].grasps[0]
 grasp.reading, grasp.success, grasp.points
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -161,7 +161,7 @@ class Dataset(Sequence):
         chosen = self if split is None else self.split(split)
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
-    def digests(self, stages: Iterable[str] | None = None) -> dict[tuple[str, str], str]:
+    def digests(self, stages: Collection[str] | None = None) -> dict[tuple[str, str], str]:
         """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
 
         stages: by default those that the run has or should have, of those that the objects must have come through.
@@ -170,6 +170,7 @@ class Dataset(Sequence):
         if stages is None:
             stages = {*self._run.asked_stores, *self.stages} & {*self._required}
         batches = dict.fromkeys(entry.batch for entry in self._entries.values())
+        stages = [name for name in CONTRACT if name in stages]
         return {(name, batch): self._run.store(name, batch).digest for name in stages for batch in batches}
 
     def table(self) -> "pandas.DataFrame":

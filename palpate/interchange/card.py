@@ -69,9 +69,13 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
     environment.filters["escaped"] = escaped
     checks = _rows(dataset.folder / "reports/validation.csv")
     text = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-        **contents._asdict() | {"layout": layout.name, "grasps": contents.grasps, "splits": list(SPLITS)},
-        **{"header": yaml.safe_dump(header, sort_keys=False), "version": __version__, "number": number},
-        **{"licence_url": url, "frames": FRAMES, "parts": os.listdir(path.parent)},
+        **contents._asdict() | {"layout": layout.name, "splits": list(SPLITS), "grasps": contents.grasps},
+        header=yaml.safe_dump(header, sort_keys=False),
+        version=__version__,
+        number=number,
+        licence_url=url,
+        frames=FRAMES,
+        parts=os.listdir(path.parent),
         kind=config.get("source", {}).get("kind", "unknown"),
         counts=_counts(dataset),
         figures=sorted(each.name for each in path.parent.glob("figures/*.png")),
