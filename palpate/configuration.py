@@ -3,7 +3,7 @@
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache, reduce
 from pathlib import Path
@@ -17,6 +17,17 @@ CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 class ConfigError(ValueError):
     """A config, catalogue or experiment that does not fit its schema; the message lists every difference."""
+
+
+def nearest(name: str, known: Iterable[str], count: int = 3) -> str:
+    """The end of a message about an unknown name: the nearest known ones, `count` at most; empty if none is near."""
+    close = difflib.get_close_matches(name, list(known), count)
+    return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+def not_among(name: str, known: Iterable[str]) -> str:
+    """The message about an unknown name: all known ones, and the nearest."""
+    return f"{name!r} is not one of {', '.join(known)}{nearest(name, known)}"
 
 
 def absolute(path: Path | str, project: Path | str) -> str:
@@ -127,9 +138,7 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
         known = list(error.schema["properties"])
         for key in sorted(set(error.instance) - set(known)):
             path = f"{where}.{key}" if where else str(key)
-            close = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
-            yield f"{path}: unknown key; {hint}"
+            yield f"{path}: unknown key" + (nearest(str(key), known, 1) or f"; known keys: {', '.join(known)}")
     elif error.validator == "required":
         for key in sorted(set(error.validator_value) - set(error.instance)):
             yield f"{f'{where}.' if where else ''}{key}: missing"

@@ -95,7 +95,7 @@ def test_validate_checks_and_says_what_it_found(run, capsys):
         (["view", "{run}", "ball-0000", "--grasps", "7"], "ball-0000 has no grasp 7: it has 2"),
         (["view", "{run}", "ball-0000", "--model", "charts"], "no experiment 'charts' is trained in"),
         (["view", "{run}", "--model", "charts"], "--model: name an object, or give --all"),
-        (["export", "{run}", "{run}/out", "--arrays", "gel"], "no array 'gel' of grasps; there are"),
+        (["export", "{run}", "{run}/out", "--arrays", "gel"], "array of grasps: 'gel' is not one of"),
     ],
 )
 def test_errors_are_one_line(built, arguments, said, capsys):

@@ -7,15 +7,17 @@ from operator import index as integer
 import numpy as np
 
 from palpate.catalogue import CatalogueEntry
-from palpate.dataset.run import Run, nearest, shaded
+from palpate.configuration import not_among
+from palpate.dataset.run import Run, shaded
 from palpate.store.contract import CONTRACT, ArraySpec, arrays_by_name
 from palpate.store.files import StoreError
 
 # What a sensor reads at each frame: made of the stored depth.
-FRAMES_READING = replace(CONTRACT["touch"].arrays["reading"], shape=(*"ogfsrc", 3), meaning="Image of the gel")
-READING = replace(
+FRAMES_READING = replace(
     CONTRACT["touch"].arrays["reading"],
-    meaning="Image of the gel; of a sensor that touched nothing (`success`) that of the untouched gel",
+    shape=(*"ogfsrc", 3),
+    dimensions=("object", "grasp", "frame", "sensor", "row", "column", "colour"),
+    meaning="Image of the gel",
 )
 COLOURS = ("RGB", "sRGB")  # units of arrays whose last axis is the colour
 
@@ -56,8 +58,7 @@ class GraspDataset(Sequence):
             arrays = [name for name, (stage, spec) in known.items() if stage in stages and self._stored(stage, spec)]
         self.arrays = tuple(arrays)
         if unknown := [name for name in self.arrays if name not in known]:
-            hint = nearest(unknown[0], known)
-            raise KeyError(f"no array {', '.join(map(repr, unknown))} of grasps; there are {', '.join(known)}{hint}")
+            raise KeyError(f"array of grasps: {not_among(unknown[0], known)}")
         self.sources = {name: known[name] for name in self.arrays}
         pictures = {name: spec for name, (_, spec) in self.sources.items() if spec.dtype == "uint8"}
         self.images = {name: spec.unit in COLOURS for name, spec in pictures.items()}
@@ -103,7 +104,6 @@ class GraspDataset(Sequence):
 def _named_arrays() -> dict[str, tuple[str, ArraySpec]]:
     """Stage and contract of each array, by its name in an item."""
     of_grasps, of_objects = arrays_by_name(of_grasps=True), arrays_by_name(of_grasps=False)
-    of_grasps |= {"reading": ("touch", READING)}
     of_frames = arrays_by_name(of_grasps=True, of_frames=True) | {"reading": ("frames", FRAMES_READING)}
     return {
         **of_grasps,

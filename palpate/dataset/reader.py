@@ -5,7 +5,8 @@ grasp = dataset["bottle-0007"].grasps[0]
 grasp.reading, grasp.success, grasp.points
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, overload
@@ -14,12 +15,13 @@ import numpy as np
 
 from palpate.camera import Camera
 from palpate.catalogue import SPLITS, CatalogueEntry
+from palpate.configuration import nearest, not_among
 from palpate.dataset.arrays import JoinedArray
 from palpate.dataset.grasps import GraspDataset
-from palpate.dataset.run import Run, nearest, shaded
+from palpate.dataset.run import Run, shaded
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
-from palpate.stages import DATASET_STAGES, DATASET_STORES, RELEASED, STAGES
+from palpate.stages import DATASET_STAGES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec, arrays_by_name
 from palpate.store.files import StoreError
 
@@ -43,8 +45,7 @@ class Dataset(Sequence):
         self._run = Run(run)
         self._required = tuple(stages)
         if unknown := sorted(set(self._required) - {RELEASED, *STAGES}):
-            known = ", ".join([RELEASED, *STAGES])
-            raise ValueError(f"no stage {', '.join(unknown)}: expected some of {known}{nearest(unknown[0], STAGES)}")
+            raise ValueError(f"stage {not_among(unknown[0], [RELEASED, *STAGES])}")
         self._entries = self._run.usable(self._required)
 
     def _view(self, entries: Iterable[CatalogueEntry]) -> "Dataset":
@@ -90,14 +91,14 @@ class Dataset(Sequence):
     def split(self, name: str) -> "Dataset":
         """The objects of one split: train, validation or test; it may have none."""
         if name not in SPLITS:
-            raise KeyError(f"{name!r} is not one of {', '.join(SPLITS)}{nearest(name, SPLITS)}")
+            raise KeyError(not_among(name, SPLITS))
         return self._view(entry for entry in self._entries.values() if entry.split == name)
 
     def of_class(self, name: str) -> "Dataset":
         """The objects of one class."""
-        classes = {entry.class_name for entry in self._run.catalogue.values()}
+        classes = sorted({entry.class_name for entry in self._run.catalogue.values()})
         if name not in classes:
-            raise KeyError(f"{name!r} is not one of {', '.join(sorted(classes))}{nearest(name, classes)}")
+            raise KeyError(not_among(name, classes))
         return self._view(entry for entry in self._entries.values() if entry.class_name == name)
 
     def select(self, objects: Iterable[str]) -> "Dataset":
@@ -125,11 +126,9 @@ class Dataset(Sequence):
         stage or array, and if the array does not have a row an object.
         """
         if stage not in CONTRACT:
-            known = ", ".join(CONTRACT) + nearest(stage, CONTRACT)
-            raise KeyError(f"no stage {stage!r} with arrays: expected one of {known}")
+            raise KeyError(f"stage with arrays: {not_among(stage, CONTRACT)}")
         if name not in CONTRACT[stage].arrays:
-            known = ", ".join(CONTRACT[stage].arrays) + nearest(name, CONTRACT[stage].arrays)
-            raise KeyError(f"{stage} has no array {name!r}: its arrays are {known}")
+            raise KeyError(f"array of {stage}: {not_among(name, CONTRACT[stage].arrays)}")
         spec = CONTRACT[stage].arrays[name]
         if not spec.of_objects:
             raise KeyError(f"{stage} {name!r} {spec.axes} has no rows of objects")
@@ -162,22 +161,16 @@ class Dataset(Sequence):
         chosen = self if split is None else self.split(split)
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
-    def digests(self, stages: Iterable[str] | None = None) -> dict[tuple[str, str], str]:
+    def digests(self, stages: Collection[str] | None = None) -> dict[tuple[str, str], str]:
         """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
 
-        stages: by default those that the run should have, of those that the objects must have come through. Raises
-        StoreError, with the command that builds it, if a store is missing.
+        stages: by default those that the run has or should have, of those that the objects must have come through.
+        Raises StoreError, with the command that builds it, if a store is missing.
         """
         if stages is None:
-            simulated = self.config.get("source", {}).get("kind") not in (None, RELEASED)  # None: nothing says so
-            stages = [
-                name
-                for name in filter(self._required.__contains__, DATASET_STORES)
-                if self._run.has(name)
-                or STAGES[name].is_asked(self.config)
-                and (simulated or not STAGES[name].simulated)
-            ]
+            stages = {*self._run.asked_stores, *self.stages} & {*self._required}
         batches = dict.fromkeys(entry.batch for entry in self._entries.values())
+        stages = [name for name in CONTRACT if name in stages]
         return {(name, batch): self._run.store(name, batch).digest for name in stages for batch in batches}
 
     def table(self) -> "pandas.DataFrame":
@@ -298,16 +291,13 @@ class _Record:
         return Camera.from_matrices(self.intrinsics, self.extrinsics, size)
 
     def __getattr__(self, name: str) -> np.ndarray:
-        known = ", ".join(sorted(self.stage_of))
-        raise AttributeError(
-            f"{type(self).__name__} has no {name!r}{nearest(name, dir(type(self)))}; its arrays are {known}"
-        )
+        hint = nearest(name, dir(type(self)))
+        raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}; its arrays are {', '.join(self.stage_of)}")
 
 
 def _described(stage: str, spec: ArraySpec, leading: int) -> str:
     """Shape, type, unit and meaning of a row of an array, whose leading axes are indexed, as is that of cameras."""
-    axes = [str(axis) for axis in spec.shape[leading:] if axis != "k"]
-    shape = f"({axes[0]},)" if len(axes) == 1 else f"({', '.join(axes)})"
+    shape = replace(spec, shape=tuple(axis for axis in spec.shape[leading:] if axis != "k")).axes
     unit = f", {spec.unit}" if spec.unit else ""
     optional = " Not in every run." if spec.optional else ""
     return f"{shape} {spec.dtype}{unit}. {spec.meaning}. Of the {stage} store.{optional}"

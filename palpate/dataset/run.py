@@ -1,7 +1,5 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
-import difflib
-import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from functools import cached_property
@@ -93,8 +91,11 @@ class Run:
     @property
     def asked_stores(self) -> tuple[str, ...]:
         """The stores of the dataset that the config asks for; those that are there, if there is no config."""
-        asked = [STAGES[name].is_asked(self.config) or not self.config and self.has(name) for name in DATASET_STORES]
-        return tuple(itertools.compress(DATASET_STORES, asked))
+        if not self.config:
+            return tuple(filter(self.has, DATASET_STORES))
+        released = self.config.get("source", {}).get("kind") == RELEASED
+        stages = [STAGES[name] for name in DATASET_STORES if not (released and STAGES[name].simulated)]
+        return tuple(stage.name for stage in stages if stage.is_asked(self.config))
 
     def rejections(self, batch: str | None = None, stages: Iterable[str] | None = None) -> list[dict[str, str]]:
         """Rows object, stage, reason, of one batch or of all, at some stages or at any.
@@ -230,12 +231,6 @@ class Run:
         name = next(name for name, array in CONTRACT[stage].arrays.items() if array.of_grasps)
         self.row(stage, entry)
         return self.store(stage, entry.batch).header(name)[0][1]
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the nearest known ones."""
-    close = difflib.get_close_matches(name, list(known), n=3)
-    return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:

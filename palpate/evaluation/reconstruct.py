@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.dataset.reader import nearest
+from palpate.configuration import nearest
 from palpate.experiments import Experiment
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import Sensor

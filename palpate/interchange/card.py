@@ -15,11 +15,11 @@ from packaging import licenses
 
 from palpate import __version__
 from palpate.catalogue import SPLITS
-from palpate.dataset import Dataset, GraspDataset
-from palpate.dataset.run import nearest
+from palpate.configuration import nearest
+from palpate.dataset import Dataset
 from palpate.dataset.summary import kind_of_reason
 from palpate.hand import Hand
-from palpate.interchange.items import Place, versions
+from palpate.interchange.items import Contents, versions
 from palpate.store.contract import FRAMES
 from palpate.store.files import StoreError
 
@@ -47,29 +47,17 @@ def licence_url(licence: str) -> str:
     return SPDX + licence if licence.lower() in licenses.LICENSES else ""
 
 
-def write_card(
-    path: Path,
-    dataset: Dataset,
-    splits: Mapping[str, GraspDataset],
-    files: str,
-    layout: str,
-    places: Mapping[str, Place],
-    digests: Mapping[tuple[str, str], str],
-    licence: str,
-    source: str,
-) -> None:
+def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str], str]) -> None:
     """Write the card into an export's folder: its contents, how it was made, its checks and errors, its terms.
 
-    splits: the grasps that were written. files: pattern of a split's files. layout: a key of
-    `palpate.interchange.FORMATS`; places: where it has the arrays. digests: of the stores that these are from, by stage
-    and batch. licence: as `spdx` returns it. source: of the meshes, with their terms, as text, verbatim. Names and
-    reasons, from meshes, are escaped. Raises StoreError for a damaged `last_run.json`.
+    digests: of the stores that the arrays are from, by stage and batch. Names and reasons, from meshes, are escaped.
+    Raises StoreError for a damaged `last_run.json`.
     """
+    dataset, splits, layout, licence, _ = contents
     hand = dataset[0].hand if "grasps" in dataset.stages else None
-    grasps, number, config = next(iter(splits.values())), sum(map(len, splits.values())), dataset.config
-    data_files = [{"split": split, "path": files.format(split)} for split in splits]
-    url = licence_url(licence)
+    number, config, url = sum(map(len, splits.values())), dataset.config, licence_url(licence)
     listed = url or licence == "unknown"  # by Hugging Face: SPDX's names in lower case, and no expressions
+    data_files = [{"split": split, "path": layout.split_files.format(split)} for split in splits]
     header = {
         **({"license": licence.lower()} if listed else {"license": "other", "license_name": licence}),
         "pretty_name": f"Palpate run {dataset.name}",
@@ -81,16 +69,19 @@ def write_card(
     environment.filters["escaped"] = escaped
     checks = _rows(dataset.folder / "reports/validation.csv")
     text = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-        **{"header": yaml.safe_dump(header, sort_keys=False), "name": dataset.name, "version": __version__},
-        **{"dataset": dataset, "number": number, "licence": licence, "source": source, "splits": list(SPLITS)},
-        **{"licence_url": url, "layout": layout, "places": places, "frames": FRAMES},
+        **contents._asdict() | {"layout": layout.name, "splits": list(SPLITS), "grasps": contents.grasps},
+        header=yaml.safe_dump(header, sort_keys=False),
+        version=__version__,
+        number=number,
+        licence_url=url,
+        frames=FRAMES,
         parts=os.listdir(path.parent),
         kind=config.get("source", {}).get("kind", "unknown"),
         counts=_counts(dataset),
         figures=sorted(each.name for each in path.parent.glob("figures/*.png")),
         versions=versions(dataset),
         commit=_commit(dataset.folder / "last_run.json"),
-        arrays=_arrays(grasps, places),
+        arrays=_arrays(contents),
         hand=hand,
         joints=_joints(hand) if hand else [],
         rejections=_rejections(dataset),
@@ -141,13 +132,15 @@ def _counts(dataset: Dataset) -> list[list]:
     return [*rows, ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]]
 
 
-def _arrays(grasps: GraspDataset, places: Mapping[str, Place]) -> list[list]:
-    item = grasps[0]
-    return [
-        [f"`{name}`", item[name].shape, item[name].dtype, spec.unit, ", ".join(grasps.dimensions(name))]
-        + [places[name].text, spec.meaning.replace("`hand/", "`hand.json`'s `")]
-        for name, (_, spec) in grasps.sources.items()
-    ]
+def _arrays(contents: Contents) -> list[list]:
+    """Name, shape, type, unit, axes, names of files or columns, and meaning of each array."""
+    rows, grasps, item, names = [], contents.grasps, contents.grasps[0], contents.names()
+    for name, (_, spec) in grasps.sources.items():
+        place = " to ".join(f"`{each}`" for each in dict.fromkeys([names[name][0], names[name][-1]]))
+        meaning = spec.meaning.replace("`hand/", "`hand.json`'s `")
+        axes = ", ".join(grasps.dimensions(name))
+        rows.append([f"`{name}`", item[name].shape, item[name].dtype, spec.unit, axes, place, meaning])
+    return rows
 
 
 def _joints(hand: Hand) -> list[list]:
@@ -163,12 +156,8 @@ def _joints(hand: Hand) -> list[list]:
 
 def _unchecked(dataset: Dataset, digests: Mapping[tuple[str, str], str]) -> list[str]:
     """The stores, of these by stage and batch, that are not as they were when the run was validated."""
-    checked = {
-        (row["store"], batch, row["where"])
-        for batch in {batch for _, batch in digests}
-        for row in _rows(dataset.folder / f"reports/validation/{batch}.csv")
-        if row["check"] == "files"
-    }
+    tables = map(_rows, dataset.folder.glob("reports/validation/*.csv"))
+    checked = {(row["store"], row["batch"], row["where"]) for rows in tables for row in rows if row["check"] == "files"}
     return [f"{stage}/{batch}" for (stage, batch), digest in digests.items() if (stage, batch, digest) not in checked]
 
 

@@ -22,17 +22,13 @@ from palpate.hand import Hand
 from palpate.interchange import parquet, webdataset, zarr_groups
 from palpate.interchange.card import spdx, write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import CARD, grasps_by_split, png
+from palpate.interchange.items import CARD, Contents, grasps_by_split, png
 from palpate.mesh import mesh_file
 from palpate.store.contract import CONTRACT, FRAMES, UNITS
 from palpate.store.files import StoreError
 
-# By the names that the command has for them: what writes the samples, where it puts arrays, and a split's files.
-FORMATS = {
-    "webdataset": (webdataset.write_webdataset, webdataset.places, "{}-*.tar"),
-    "parquet": (parquet.write_parquet, parquet.places, "{}/**"),
-    "zarr": (zarr_groups.write_zarr_groups, zarr_groups.places, "{}.zarr/**"),
-}
+# By the names that the command has for them.
+FORMATS = {layout.name: layout for layout in (webdataset.LAYOUT, parquet.LAYOUT, zarr_groups.LAYOUT)}
 # Of hand.json, besides what `Hand` says of itself.
 FRAMES_OF_HAND = (
     "Links and sensors are in the order of the arrays' axes, numbers of links from 0. Position and rotation of a link "
@@ -58,31 +54,30 @@ def export(
     number.
 
     folder: a new one, or an empty one. arrays: as for `Dataset.grasps`; without, all of the stages that the run should
-    have. licence: as for `spdx`. source: as for `write_card`. Raises FileExistsError for a folder that holds anything;
-    StoreError without objects, for a store that is missing, or for batches with different hands or sensors; KeyError
-    for an unknown array; DamagedFile for a missing or changed mesh; and what writing the samples raises.
+    have. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. Raises FileExistsError for
+    a folder that holds anything; StoreError without objects, for a store that is missing, or for batches with different
+    hands or sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what writing the
+    samples raises.
     """
-    write, places_of, pattern = FORMATS[layout]
-    folder, licence = Path(folder), spdx(licence)
+    folder = Path(folder)
     _require_new(folder)
-    splits = grasps_by_split(dataset, arrays)
-    grasps = next(iter(splits.values()))
-    digests = dataset.digests(None if arrays is None else {stage: None for stage, _ in grasps.sources.values()})
-    places = places_of(grasps)
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
+    splits = grasps_by_split(dataset, arrays)
+    contents = Contents(dataset, splits, FORMATS[layout], spdx(licence), source)
+    digests = dataset.digests(None if arrays is None else {stage for stage, _ in contents.grasps.sources.values()})
     with atomic_write(folder) as partial:
         partial.mkdir()
         _write_descriptions(partial, dataset)
-        write(partial, splits)
+        contents.layout.write(partial, splits)
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
-        files = sorted(path for path in partial.rglob("*") if path.is_file())
+        files = sorted(filter(Path.is_file, partial.rglob("*")))
         with ThreadPoolExecutor(2) as pool:
-            found = pool.map(checksums.size_and_sha256, files)
-            manifest = {path.relative_to(partial).as_posix(): each for path, each in zip(files, found, strict=True)}
-        write_croissant(partial / "croissant.json", dataset, splits, places, manifest, licence, source)
-        write_card(partial / CARD, dataset, splits, pattern, layout, places, digests, licence, source)
+            sums = pool.map(checksums.size_and_sha256, files)
+            manifest = dict(zip((path.relative_to(partial).as_posix() for path in files), sums, strict=True))
+        write_croissant(partial / "croissant.json", contents, manifest)
+        write_card(partial / CARD, contents, digests)
         manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
         (partial / "SHA256SUMS").write_text("".join(lines))
@@ -123,7 +118,7 @@ def _write_descriptions(folder: Path, dataset: Dataset) -> None:
     """Write hand, sensor, untouched reading and cameras, of the stages that there are. Raises StoreError if batches
     have different hands or sensors."""
     stages, records = dataset.stages, [*{record.batch: record for record in dataset}.values()]
-    first, *others = [_described(record, stages) for record in records]
+    first, *others = [_hand_and_sensor(record, stages) for record in records]
     for record, other in zip(records[1:], others, strict=True):
         if different := [name for name in first if other[name] != first[name]]:
             grasps = f"{records[0].grasps[0]} and {record.grasps[0]}"
@@ -134,28 +129,30 @@ def _write_descriptions(folder: Path, dataset: Dataset) -> None:
         (folder / "empty_reading.png").write_bytes(png(dataset.empty_reading))
     if "vision" in stages:
         about = {name: CONTRACT["vision"].arrays[name].meaning for name in ("intrinsics", "extrinsics")}
-        matrices = zip(*(dataset.load("vision", name).tolist() for name in about), strict=True)
-        cameras = [dict(zip(about, each, strict=True)) for each in matrices]  # of each object
-        objects = {record.name: each | record.drawn for record, each in zip(dataset, cameras, strict=True)}
+        matrices = {name: dataset.load("vision", name) for name in about}
+        objects = {
+            record.name: {name: of_objects[row] for name, of_objects in matrices.items()} | record.drawn
+            for row, record in enumerate(dataset)
+        }
         size = dataset.array("vision", "unoccluded").shape[2]
         stated = {"about": about, "frame": FRAMES["image"], "size": size, "objects": objects}
-        (folder / "cameras.json").write_text(_lines(stated), encoding="utf-8")
+        (folder / "cameras.json").write_text(_json(stated), encoding="utf-8")
 
 
-def _described(record: ObjectRecord, stages: Iterable[str]) -> dict[str, str]:
-    """Content of sensor.json and hand.json by an object's grasps."""
-    found = {}
+def _hand_and_sensor(record: ObjectRecord, stages: Iterable[str]) -> dict[str, str]:
+    """Texts of sensor.json and hand.json by an object's grasps."""
+    texts = {}
     if "touch" in stages:
         grasp, units = record.grasps[0], {"length": UNITS["length"], "lights.angles": "degree"}
-        stated = {"names": list(grasp.sensors), "sensor": grasp.sensor.description(), "frame": FRAMES["sensor"]}
-        found["sensor"] = json.dumps(stated | {"pixels": PIXELS, "units": units}, indent=1) + "\n"
+        stated = {"names": grasp.sensors, "sensor": grasp.sensor.description(), "frame": FRAMES["sensor"]}
+        texts["sensor"] = _json(stated | {"pixels": PIXELS, "units": units})
     if "grasps" in stages:
-        values = {each.name: getattr(record.hand, each.name) for each in fields(Hand)}
-        found["hand"] = _lines({"about": f"{' '.join(Hand.__doc__.split())} {FRAMES_OF_HAND}"} | values)
-    return found
+        values = {field.name: getattr(record.hand, field.name) for field in fields(Hand)}
+        texts["hand"] = _json({"about": f"{' '.join(Hand.__doc__.split())} {FRAMES_OF_HAND}"} | values)
+    return texts
 
 
-def _lines(values: Mapping[str, Any]) -> str:
+def _json(values: Mapping[str, Any]) -> str:
     """A JSON object with a line for each key; arrays become nested lists."""
     lines = (f"{json.dumps(key)}: {json.dumps(value, default=np.ndarray.tolist)}" for key, value in values.items())
     return "{\n" + ",\n".join(lines) + "\n}\n"

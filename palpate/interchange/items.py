@@ -1,10 +1,11 @@
-"""What the layouts share: which arrays are pictures, the grasps of a split with progress, versions of engines."""
+"""What the layouts share: an export's contents, the images of arrays, the grasps of a split with progress."""
 
 import io
 import sys
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,20 +20,34 @@ CARD = "README.md"
 TEXT = ("object", "class", "split")
 
 
-class Place(NamedTuple):
-    """Where a layout keeps an array."""
+class Layout(NamedTuple):
+    """How samples are laid out in files."""
 
-    text: str  # names there, in Markdown
-    files: str  # pattern of the files that hold it, and nothing else unless it is a column
-    shape: tuple[int, ...]  # of what a record has: of a column of file names, how many
-    column: str = ""
+    name: str
+    write: Callable[[Path, Mapping[str, GraspDataset]], None]  # the grasps of each split into a folder
+    split_files: str  # pattern of a split's files
+    # Names of the files or columns that hold an array, by its name and those of its images, if it is of images.
+    names: Callable[[str, list[str]], list[str]]
 
 
-def image_names(grasps: GraspDataset) -> dict[str, list[str]]:
-    """Names of the images that each array becomes, in the order of `pictures`; none if it is not of images."""
-    item = grasps[0]
-    named = {name: [*pictures(name, item[name], colours)] for name, colours in grasps.images.items()}
-    return {name: named.get(name, []) for name in grasps.sources}
+class Contents(NamedTuple):
+    """What an export is of, for its card and its description."""
+
+    dataset: Dataset
+    splits: Mapping[str, GraspDataset]  # the grasps that are written
+    layout: Layout
+    licence: str  # as `palpate.interchange.card.spdx` returns it
+    source: str  # of the meshes, with their terms, as text, verbatim
+
+    @property
+    def grasps(self) -> GraspDataset:
+        """Those of the first split, whose arrays all splits have."""
+        return next(iter(self.splits.values()))
+
+    def names(self) -> dict[str, list[str]]:
+        """Of each array the names of the files or columns that hold it."""
+        item, grasps = self.grasps[0], self.grasps
+        return {name: self.layout.names(name, [*pictures(grasps, name, item[name])]) for name in grasps.arrays}
 
 
 def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:
@@ -53,12 +68,17 @@ def versions(dataset: Dataset) -> dict[str, str]:
 
 def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict]:
     """The items of a split; the terminal has a bar."""
-    return tqdm(grasps, desc=split, unit="grasp", disable=not sys.stderr.isatty())
+    return iter(tqdm(grasps, desc=split, unit="grasp", disable=not sys.stderr.isatty()))
 
 
-def pictures(name: str, values: np.ndarray, colours: bool) -> dict[str, np.ndarray]:
-    """The images of an array (..., h, w), with colours (..., h, w, 3 or 4), by name: `reading.0`, `reading.1`, ..."""
-    shape = values.shape[-3 if colours else -2 :]
+def pictures(grasps: GraspDataset, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    """The images of an array by name, `reading.0`, `reading.1`, ..., or the array's if it is one image.
+
+    values: (..., h, w), of colours (..., h, w, 3 or 4). Empty for an array that is not of images.
+    """
+    if name not in grasps.images:
+        return {}
+    shape = values.shape[-3 if grasps.images[name] else -2 :]
     if values.shape == shape:
         return {name: values}
     return {f"{name}.{number}": image for number, image in enumerate(values.reshape(-1, *shape))}

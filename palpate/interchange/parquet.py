@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from palpate.dataset import GraspDataset
-from palpate.interchange.items import Place, image_names, pictures, png, with_progress
+from palpate.interchange.items import TEXT, Layout, pictures, png, with_progress
 
 ROWS = 64  # grasps that are held in memory before they are written
 
@@ -35,7 +35,7 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
         with ExitStack() as stack:
             background = ThreadPoolExecutor(2)  # encodes and compresses while the next rows are read
             for number, item in enumerate(with_progress(grasps, split), start=1):
-                row, pictures_of_it = _row(item, grasps.images)
+                row, pictures_of_it = _row(item, grasps)
                 rows.append(row)
                 images |= pictures_of_it
                 if len(rows) == ROWS or number == len(grasps):
@@ -55,27 +55,20 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                 each.result()
 
 
-def places(grasps: GraspDataset) -> dict[str, Place]:
-    """The column of each array; of images, that of their files' names."""
-    item, found = grasps[0], {}
-    for name, images in image_names(grasps).items():
-        column = f"{name}_file_name{'s' * (images != [name])}" if images else name
-        shape = (len(images),) * (images != [name]) if images else item[name].shape
-        found[name] = Place(f"`{column}`", "*/metadata.parquet", shape, column)
-    return found
+def _names(name: str, images: list[str]) -> list[str]:
+    """The column of an array; of images, that of their files' names."""
+    return [f"{name}_file_name{'s' * (images != [name])}" if images else name]
 
 
-def _row(item: dict, colours: dict[str, bool]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def _row(item: dict, grasps: GraspDataset) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """A grasp's values by column, and its images by path."""
-    row, images, place = {}, {}, f"{item['object']}/{item['grasp']}"
-    for name, values in item.items():
-        if name not in colours:
-            row[name] = values
-            continue
-        found = {f"{place}/{each}.png": image for each, image in pictures(name, values, colours[name]).items()}
-        several = f"{place}/{name}.png" not in found
-        row[f"{name}_file_names" if several else f"{name}_file_name"] = [*found] if several else [*found][0]
-        images |= found
+    row, images, place = {name: item[name] for name in (*TEXT, "grasp")}, {}, f"{item['object']}/{item['grasp']}"
+    for name in grasps.arrays:
+        own = pictures(grasps, name, item[name])
+        files = {f"{place}/{each}.png": image for each, image in own.items()}
+        (column,) = _names(name, [*own])
+        row[column] = [*files] if column.endswith("_file_names") else next(iter(files), item[name])
+        images |= files
     return row, images
 
 
@@ -100,3 +93,6 @@ def _column(pyarrow: Any, values: list) -> Any:
     for length in reversed(stacked.shape[1:]):
         column = pyarrow.FixedSizeListArray.from_arrays(column, length)
     return column
+
+
+LAYOUT = Layout("parquet", write_parquet, "{}/**", _names)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.dataset import GraspDataset
-from palpate.interchange.items import TEXT, Place, image_names, pictures, png, with_progress
+from palpate.interchange.items import TEXT, Layout, pictures, png, with_progress
 
 SHARD_BYTES = 500_000_000  # of a tar file, after which the next one begins
 
@@ -37,7 +37,7 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                         # All names are short ASCII: this format needs no headers for others.
                         tar = shard.enter_context(tarfile.open(path, "w", format=tarfile.USTAR_FORMAT))
                         written = 0
-                    for name, content in _entries(item, grasps.images):
+                    for name, content in _entries(item, grasps):
                         entry = tarfile.TarInfo(f"{sample:08d}.{name}")
                         entry.size = len(content)
                         tar.addfile(entry, io.BytesIO(content))
@@ -45,28 +45,21 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                     table.writerow([split, f"{sample:08d}", item["object"], item["class"], item["grasp"]])
 
 
-def places(grasps: GraspDataset) -> dict[str, Place]:
-    """The names of each array's files in a sample."""
-    item, found = grasps[0], {}
-    for name, images in image_names(grasps).items():
-        files = [f"{each}.png" for each in images] or [f"{name}.npy"]
-        pattern = f"*.{name}.*.png" if images and images != [name] else f"*.{files[0]}"
-        text = " to ".join(f"`{each}`" for each in dict.fromkeys([files[0], files[-1]]))
-        found[name] = Place(text, pattern, item[name].shape)
-    return found
-
-
-def _entries(item: dict, images: dict[str, bool]) -> Iterable[tuple[str, bytes]]:
+def _entries(item: dict, grasps: GraspDataset) -> Iterable[tuple[str, bytes]]:
     """Name and content of each file of a sample."""
-    described = {name: item[name] for name in (*TEXT, "grasp")}
-    yield "json", json.dumps(described, ensure_ascii=False).encode()
-    for name, values in item.items():
-        if name in described:
-            continue
-        if name in images:
-            for each, image in pictures(name, values, images[name]).items():
-                yield f"{each}.png", png(image)
-        else:
+    yield "json", json.dumps({name: item[name] for name in (*TEXT, "grasp")}, ensure_ascii=False).encode()
+    for name in grasps.arrays:
+        images = pictures(grasps, name, item[name])
+        if not images:
             file = io.BytesIO()
-            np.save(file, values)
+            np.save(file, item[name])
             yield f"{name}.npy", file.getvalue()
+        for each, image in images.items():
+            yield f"{each}.png", png(image)
+
+
+def _names(name: str, images: list[str]) -> list[str]:
+    return [f"{each}.png" for each in images] or [f"{name}.npy"]
+
+
+LAYOUT = Layout("webdataset", write_webdataset, "{}-*.tar", _names)

@@ -3,7 +3,7 @@
 The arrays are in `contract.csv`, symbols of their shapes, units and frames in `contract.yaml`; all code that writes,
 reads, checks or documents a store uses them. Within one store a symbol stands for one number. `record` says how many
 leading axes are cut into chunks of length one, so that one object's or one sensor's data is one read. A `shape` has
-symbols, and `<name>:<length>` for axes of fixed length.
+symbols, and `<name>:<length>` for axes that their symbol does not name.
 """
 
 import csv
@@ -26,7 +26,7 @@ SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 _FOLDER = resources.files("palpate.store")
 _TERMS = yaml.safe_load(_FOLDER.joinpath("contract.yaml").read_text(encoding="utf-8"))
 SYMBOLS, UNITS, FRAMES = _TERMS["symbols"], _TERMS["units"], _TERMS["frames"]
-DIMENSIONS = {symbol: tuple(names.split()) for symbol, names in _TERMS["dimensions"].items()}
+DIMENSIONS = _TERMS["dimensions"]
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,7 @@ class ArraySpec:
     unit: str
     meaning: str
     optional: bool = False  # what a store that was not simulated here may lack
-    fixed: tuple[str, ...] = ()  # names of the axes of fixed length
-
-    @property
-    def dimensions(self) -> tuple[str, ...]:
-        """A name for each axis, as xarray takes it: `("object", "grasp", "sensor", "row", "column")`."""
-        fixed, names = iter(self.fixed), {symbol: iter(each) for symbol, each in DIMENSIONS.items()}
-        return tuple(next(fixed if isinstance(axis, int) else names[axis]) for axis in self.shape)
+    dimensions: tuple[str, ...] = ()  # a name for each axis, as xarray takes it: `("object", "grasp", "sensor")`
 
     @property
     def axes(self) -> str:
@@ -121,8 +115,8 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
     return {
         row["array"]: ArraySpec(
             name=row["array"],
-            shape=tuple(int(size) if name else size for name, _, size in axes[row["array"]]),
-            fixed=tuple(name for name, _, _ in axes[row["array"]] if name),
+            shape=tuple(int(size) if size.isdigit() else size for _, _, size in axes[row["array"]]),
+            dimensions=tuple(name or DIMENSIONS[size] for name, _, size in axes[row["array"]]),
             dtype=row["type"],
             record=int(row["record"]),
             fill="" if row["type"] == "string" else float(row["fill"]),
@@ -139,10 +133,9 @@ CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.item
 
 def arrays_by_name(of_grasps: bool, of_frames: bool = False) -> dict[str, tuple[str, ArraySpec]]:
     """Stage and contract of the arrays with a row a frame, a grasp, or an object only, but for `object`."""
-    found = [(stage, each) for stage, store in CONTRACT.items() for each in store.arrays.values() if each.of_objects]
-    rows = of_grasps, of_frames
     return {
-        each.name: (stage, each)
-        for stage, each in found
-        if (each.of_grasps, each.of_frames) == rows and each.name != "object"
+        spec.name: (stage, spec)
+        for stage, store in CONTRACT.items()
+        for spec in store.arrays.values()
+        if spec.of_objects and (spec.of_grasps, spec.of_frames) == (of_grasps, of_frames) and spec.name != "object"
     }

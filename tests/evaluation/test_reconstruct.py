@@ -279,7 +279,7 @@ def test_a_model_that_is_not_there_is_answered_with_those_that_are(run):
     [
         (
             ["charts_tuch", "bottle-0000", "--output", "x.ply"],
-            "'charts_tuch' is trained .* charts_occluded/seed-0, .*; did you mean charts_touch_2",
+            "'charts_tuch' is trained .* charts_occluded/seed-0, .*; did you mean 'charts_touch_2'",
         ),
         (["charts_occluded", "bottle-0000", "--seed", "3", "--output", "x.ply"], "seed-3.* trained are"),
         (["charts_occluded", "teapot-0000", "--output", "x.ply"], "'teapot-0000' is not among"),

@@ -20,6 +20,7 @@ from PIL import Image
 import palpate
 from palpate import checksums
 from palpate.atomic import remove
+from palpate.dataset.run import Run
 from palpate.interchange import export
 from palpate.sensor import DIGIT, Sensor
 from palpate.store import CONTRACT, StoreError, read, write
@@ -276,6 +277,19 @@ def test_a_lost_store_of_one_batch_is_an_error(run, tmp_path):
     with pytest.raises(StoreError, match="vision/batch-0001.zarr does not exist; build it with: snakemake vision/"):
         export(palpate.Dataset(run), tmp_path / "out")
     assert not list(tmp_path.glob("*out*"))
+
+
+def test_a_released_dataset_has_no_hands_and_lacks_none(run, tmp_path):
+    (run / "config.yaml").write_text(yaml.safe_dump({"source": {"kind": "released", "path": "."}}))
+    shutil.rmtree(run / "grasps")
+    assert Run(run).asked_stores == ("surface", "touch", "vision")
+    assert export(palpate.Dataset(run), tmp_path / "out") == 6
+    files = files_of(tmp_path / "out")
+    assert (
+        "sensor.json" in files
+        and "hand.json" not in files
+        and "| joint |" not in (tmp_path / "out/README.md").read_text()
+    )
 
 
 def test_no_one_s_folder_is_replaced(built, tmp_path):

@@ -71,7 +71,7 @@ def test_the_same_run_gives_the_same_bytes(built, tmp_path):
 
 def test_an_export_that_fails_leaves_nothing(built, tmp_path, monkeypatch):
     dataset = palpate.Dataset(built)
-    with pytest.raises(KeyError, match="no array 'gel' of grasps; there are"):
+    with pytest.raises(KeyError, match="array of grasps: 'gel' is not one of"):
         export(dataset, tmp_path / "out", arrays=["gel"])
     with pytest.raises(StoreError, match="no object"):
         export(dataset[:0], tmp_path / "out")

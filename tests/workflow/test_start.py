@@ -88,12 +88,12 @@ def smoke(make_workflow):
 @pytest.mark.parametrize(
     ("target", "said"),
     [
-        ("tables/graps.csv", "did you mean tables/grasps.csv"),
-        ("datset", "did you mean dataset"),
-        ("models/pooled_tuch_any/seed-0/best.ckpt", "did you mean models/pooled_touch_any/seed-0/best.ckpt"),
+        ("tables/graps.csv", "did you mean 'tables/grasps.csv'"),
+        ("datset", "did you mean 'dataset'"),
+        ("models/pooled_tuch_any/seed-0/best.ckpt", "did you mean 'models/pooled_touch_any/seed-0/best.ckpt'"),
         ("models/pooled_touch_any/seed-7/best.ckpt", "the config has no seed 7: add it to training.seeds"),
         ("evaluations/pooled_touch_any/seed-7.csv", "the config has no seed 7: add it to training.seeds"),
-        ("figures/example_knife.png", "did you mean figures/examples_knife.png"),
+        ("figures/example_knife.png", "did you mean 'figures/examples_knife.png'"),
     ],
 )
 def test_an_unknown_target_is_named_with_the_nearest_and_with_those_there_are(smoke, target, said):
@@ -122,7 +122,7 @@ def test_a_path_from_the_root_is_the_runs(smoke, place, monkeypatch):
     wrong = place(smoke.run / "tables/graps.csv")
     monkeypatch.setattr("sys.argv", ["snakemake", wrong])
     found = lines(smoke(wrong, "--dry-run"))
-    assert found[0].startswith("no target tables/graps.csv; did you mean tables/grasps.csv")
+    assert found[0].startswith("no target tables/graps.csv; did you mean 'tables/grasps.csv'")
 
 
 def test_jobs_that_ended_leave_no_timers_that_look_for_jobs_every_second(make_workflow, monkeypatch):

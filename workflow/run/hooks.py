@@ -1,7 +1,6 @@
 """What the Snakefile's hooks do: signals from the start of a run on, its page and summary at its end."""
 
 import contextlib
-import difflib
 import gc
 import itertools
 import json
@@ -21,6 +20,7 @@ from snakemake.logging import logger
 
 from palpate import __version__, atomic
 from palpate.batch import one_line_error
+from palpate.configuration import nearest
 from palpate.viewer import duration
 from snakemake_logger_plugin_palpate import INTERRUPTED, LogHandler
 
@@ -49,9 +49,7 @@ def excepthook(kind: type[BaseException], error: BaseException, traceback) -> No
 
 def unknown_target(path: str, known: Iterable[str], notes: Sequence[str] = ()) -> str:
     """The message for a target that nothing makes: the nearest known ones, then the notes, a line each."""
-    close = difflib.get_close_matches(path, list(known), n=3, cutoff=0.5)
-    hint = f"; did you mean {' or '.join(close)}?" if close else ""
-    return "\n".join([f"no target {path}{hint}", *(f"  {note}" for note in notes)])
+    return "\n".join([f"no target {path}{nearest(path, known)}", *(f"  {note}" for note in notes)])
 
 
 def end_at_signals() -> None:

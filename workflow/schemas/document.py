@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from palpate.dataset.checks import CHECKS
-from palpate.store.contract import CONTRACT, DIMENSIONS, SYMBOLS
+from palpate.store.contract import CONTRACT, SYMBOLS
 
 PROJECT = Path(__file__).parents[2]
 LONGEST_DEFAULT = 40  # characters
@@ -44,7 +44,10 @@ def dataset_tables() -> dict[str, str]:
         for stage, store in CONTRACT.items()
         for name, spec in store.arrays.items()
     ]
-    symbols = [(symbol, ", ".join(DIMENSIONS[symbol]), counts) for symbol, counts in SYMBOLS.items()]
+    specs = [spec for store in CONTRACT.values() for spec in store.arrays.values()]
+    axes = dict.fromkeys(axis for spec in specs for axis in zip(spec.shape, spec.dimensions, strict=True))
+    names = {symbol: ", ".join(name for length, name in axes if length == symbol) for symbol in SYMBOLS}
+    symbols = [(symbol, names[symbol], counts) for symbol, counts in SYMBOLS.items()]
     checks = [(name, check.measures, f"{check.limit:.3g}") for name, check in CHECKS.items()]
     return {
         "contract": _table(("store", "array", "shape", "type", "unit", "meaning"), arrays),
