@@ -38,7 +38,7 @@ def read(path: Path, files: Files) -> Loaded:
     (positions, uv, normals), words, faces, materials, statements = _statements(lines, files)
     corners, order = _corners(words, faces, (len(positions), len(uv), len(normals)), lines, files)
     vertices, colours = _vertices(positions, files)
-    uv = np.nan_to_num(uv[:, :2])  # 0 where a line has u alone
+    uv = np.nan_to_num(uv[:, :2], posinf=0, neginf=0)  # 0 where a line has u alone
     names = (name for rest in statements for name in named_files.library_names(path, rest, files.root))
     libraries = list(dict.fromkeys(names))
     definitions = _definitions(path, libraries, files, colours is not None)
@@ -112,10 +112,10 @@ def _statements(lines: list[bytes], files: Files):
             elif not IGNORED.fullmatch(text(keyword)):
                 if not re.fullmatch(b"[a-z_]+2?", keyword):
                     raise ValueError("it is no statement of an OBJ")
-                files.note(text(keyword), f"a statement that is not read, as in line {number + 1}: left out")
+                files.note(text(keyword), "such statements are not read: left out")
         except ValueError as error:
             raise _error(number, line, error) from None
-    if lines[-1].strip() and keyword in (b"f", b"fo"):  # the last line has no end
+    if faces[-3:-2] == [len(lines) - 1]:  # the last line, which has no end
         slashes = {word.count(b"/") + word.endswith(b"/") for word in words}
         if len(words) < 3 or len(slashes) > 1:
             raise _error(number, line, "the file is cut off within this face")
