@@ -12,7 +12,7 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -69,12 +69,14 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
 
 
 def joined_lines(data: bytes) -> bytes:
-    """The text of an OBJ or MTL in UTF-8, if it was UTF-16, without a byte order mark, and with \\n at the ends of lines.
+    """The text of an OBJ or MTL without a byte order mark, UTF-16 as UTF-8, and with \\n at the ends of lines.
     Lines that are continued (\\) are joined, and blank ones follow, so that the numbers of lines stay."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         data = data.decode("utf-16", "replace").encode()
     data = data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     ends = re.compile(rb"\\[ \t]*\n")
+    if not ends.search(data):
+        return data
     return CONTINUED.sub(lambda match: ends.sub(b" ", match[0]) + b"\n" * match[0].count(b"\n"), data)
 
 
@@ -118,10 +120,8 @@ def _names(path: Path, suffix: str) -> set[str]:
         data = b"\n" + file.read(most)
     if suffix == ".ply":
         data = data.partition(b"end_header")[0]
-    escapes = re.compile(r"(?:\\u[0-9a-fA-F]{4})+")  # JSON's, of single characters
-    return {
-        escapes.sub(lambda match: json.loads(f'"{match[0]}"'), text(name)) for name in PATTERNS[suffix].findall(data)
-    }
+    names, escapes = map(text, PATTERNS[suffix].findall(data)), re.compile(r"(?:\\u[0-9a-fA-F]{4})+")  # JSON's
+    return {escapes.sub(lambda match: json.loads(f'"{match[0]}"'), name) for name in names}
 
 
 def text(name: bytes) -> str:
@@ -178,12 +178,13 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
     files = [path.parent / name for name in companions(path, root, HEAD) if name.lower().endswith(IMAGES)]
     files = [file for file in files if os.path.getsize(file) > SMALL]
     if path.suffix.lower() == ".glb" and not unusable(path):
-        with contextlib.suppress(OSError, ValueError):
-            files += [
-                io.BytesIO(head)
-                for _, head in held_pictures(path, *gltf_tree(path, MOST), 1 << 20)
-                if len(head) > SMALL
-            ]
+        with contextlib.suppress(OSError, ValueError, LookupError, TypeError, AttributeError), open(path, "rb") as file:
+            tree, start = gltf_tree(path, MOST)
+            views = (tree["bufferViews"][image["bufferView"]] for image in tree["images"] if "bufferView" in image)
+            for view in views:
+                if view["byteLength"] > SMALL:
+                    file.seek(start + view.get("byteOffset", 0))
+                    files.append(io.BytesIO(file.read(min(view["byteLength"], 1 << 20))))
     total = 0
     for each in files:
         try:
@@ -193,24 +194,6 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
             continue
         total += width * height if max(width, height) <= LARGEST_SIDE else 0
     return total
-
-
-def held_pictures(path: Path, tree: Mapping[str, Any], start: int, most: int | None = None) -> list[tuple[int, bytes]]:
-    """Numbers and bytes (`most` of each) of the pictures within a .glb file; tree, start: as `gltf_tree` gives them.
-
-    Raises ValueError if the file is damaged.
-    """
-    found = []
-    try:
-        with open(path, "rb") as file:
-            for number, image in enumerate(tree.get("images", [])):
-                if "bufferView" in image:
-                    view = tree["bufferViews"][image["bufferView"]]
-                    file.seek(start + view.get("byteOffset", 0))
-                    found.append((number, file.read(min(view["byteLength"], most or view["byteLength"]))))
-    except (LookupError, TypeError, AttributeError) as error:
-        raise ValueError(str(error)) from None
-    return found
 
 
 def gltf_tree(path: Path, most: int | None = None) -> tuple[dict[str, Any], int]:
