@@ -137,7 +137,7 @@ def _table(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
 def _counted_from_start(word: bytes, tables: dict[bytes, tuple[array, array]]) -> bytes:
     """A corner without negative numbers: they count back from the line where they stand. 0 is before the first."""
     sizes = (len(counts) for _, counts in tables.values())
-    numbers = zip(word.split(b"/"), chain(sizes, repeat(0)))
+    numbers = zip(word.split(b"/"), chain(sizes, repeat(0)), strict=False)
     return b"/".join(b"%d" % max(0, int(k) + size + 1) if k.startswith(b"-") else k for k, size in numbers)
 
 
