@@ -12,7 +12,7 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -25,16 +25,12 @@ HEAD = 65536  # bytes of a file in which an OBJ names its libraries as a rule, a
 SMALL = 16384  # bytes of a picture's file: of one colour, a smaller one has at most 16 million pixels
 LONGEST = 4096  # bytes of a path, at most, on Linux
 LARGEST_SIDE = 16384  # pixels: the largest that common GPUs take as a texture
-MOST_WORDS = 8  # of a line that names material libraries
 NAME = rb"([^\r\n]{1,%d})" % LONGEST
 MTLLIB = re.compile(rb"\n[ \t]*mtllib[ \t]+" + NAME, re.IGNORECASE)
 MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 CONTINUED = re.compile(rb"^(?![ \t]*#)(?:[^\n]*\\[ \t]*\n)+[^\n]*", re.MULTILINE)
-# Options of an MTL's map statements, with the most values each has; where there may be several, they are numbers.
-OPTIONS = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2} | dict.fromkeys(
-    ("-blendu", "-blendv", "-boost", "-bm", "-cc", "-clamp", "-imfchan", "-texres", "-type"), 1
-)
-NUMBER = re.compile(r"[-+]?\.?\d[\d.eE+-]*$")
+# An option of an MTL's map statement: its values are numbers, or one word. What remains is the file's name.
+OPTION = re.compile(r"(-[a-z]+)((?:\s+[-+]?\.?\d[\d.eE+-]*(?=\s)){1,3}|\s+\S+)\s+(?=\S)", re.IGNORECASE)
 PATTERNS = {
     ".gltf": re.compile(rb'"uri"\s*:\s*"(?!data:)([^"]{1,%d})"' % LONGEST),
     ".dae": re.compile(rb"<init_from>\s*(?:<ref>)?([^<]{1,%d})<" % LONGEST),
@@ -73,13 +69,15 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
 
 
 def joined_lines(data: bytes) -> bytes:
-    """The text of an OBJ or MTL with each line's end as \\n, the last one's too, and no byte order mark. Lines that are
-    continued (\\) are joined, and blank ones follow, so that the numbers of lines stay."""
+    """The text of an OBJ or MTL without a byte order mark, UTF-16 as UTF-8, and with \\n at the ends of lines.
+    Lines that are continued (\\) are joined, and blank ones follow, so that the numbers of lines stay."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        data = data.decode("utf-16", "replace").encode()
     data = data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    if re.search(rb"\\[ \t]*\n", data):
-        ends = re.compile(rb"\\[ \t]*\n")
-        data = CONTINUED.sub(lambda match: ends.sub(b" ", match[0]) + b"\n" * match[0].count(b"\n"), data)
-    return data if data.endswith(b"\n") else data + b"\n"
+    ends = re.compile(rb"\\[ \t]*\n")
+    if not ends.search(data):
+        return data
+    return CONTINUED.sub(lambda match: ends.sub(b" ", match[0]) + b"\n" * match[0].count(b"\n"), data)
 
 
 def mtl_statements(data: bytes) -> list[tuple[str, str]]:
@@ -89,36 +87,19 @@ def mtl_statements(data: bytes) -> list[tuple[str, str]]:
 
 
 def library_names(path: Path, rest: str, root: Path | str | None = None) -> list[str]:
-    """The names in an OBJ's `mtllib` statement: several, quoted or not, or one with spaces, whichever exist."""
-    rest = rest.strip()
-    words = re.findall(r'"[^"]+"|\S+', without_comment(rest)[: 2 * LONGEST])[:MOST_WORDS]
-    if len(words) > 1 and all(find(path, word, root) for word in words):
-        return words
+    """The names in an OBJ's `mtllib` statement: one, which may have spaces, or several that end in .mtl."""
     if find(path, rest, root):
-        return [rest]
-    names = []
-    while words:
-        most = next((n for n in range(len(words), 0, -1) if find(path, " ".join(words[:n]), root)), 0)
-        if not most and not names and not any(find(path, word, root) for word in words):
-            return [without_comment(rest)]
-        names.append(" ".join(words[: most or 1]))
-        del words[: most or 1]
-    return names
+        return [rest.strip()]
+    return [name for name in re.split(r'(?i)(?<=\.mtl)"?\s+', without_comment(rest)) if name]
 
 
 def map_statement(rest: str) -> tuple[dict[str, list[str]], str]:
     """Options with their values, and the file's name, of the rest of an MTL's map statement."""
-    options: dict[str, list[str]] = {}
-    words = [] if len(rest) > LONGEST else rest.split(None, 1)
-    while len(words) == 2 and (most := OPTIONS.get(words[0].lower())):
-        values = options[words[0].lower()] = []
-        rest = words[1]
-        words = rest.split(None, 1)
-        while len(words) == 2 and len(values) < most and (most == 1 or NUMBER.match(words[0])):
-            values.append(words[0])
-            rest = words[1]
-            words = rest.split(None, 1)
-    return options, rest.strip()
+    options, rest = {}, rest.strip()
+    while len(rest) <= LONGEST and (match := OPTION.match(rest)):
+        options[match[1].lower()] = match[2].split()
+        rest = rest[match.end() :]
+    return options, rest
 
 
 def beside(path: Path, library: str, name: str, root: Path | str | None = None) -> str:
@@ -139,10 +120,8 @@ def _names(path: Path, suffix: str) -> set[str]:
         data = b"\n" + file.read(most)
     if suffix == ".ply":
         data = data.partition(b"end_header")[0]
-    escapes = re.compile(r"(?:\\u[0-9a-fA-F]{4})+")  # JSON's, of single characters
-    return {
-        escapes.sub(lambda match: json.loads(f'"{match[0]}"'), text(name)) for name in PATTERNS[suffix].findall(data)
-    }
+    names, escapes = map(text, PATTERNS[suffix].findall(data)), re.compile(r"(?:\\u[0-9a-fA-F]{4})+")  # JSON's
+    return {escapes.sub(lambda match: json.loads(f'"{match[0]}"'), name) for name in names}
 
 
 def text(name: bytes) -> str:
@@ -199,12 +178,13 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
     files = [path.parent / name for name in companions(path, root, HEAD) if name.lower().endswith(IMAGES)]
     files = [file for file in files if os.path.getsize(file) > SMALL]
     if path.suffix.lower() == ".glb" and not unusable(path):
-        with contextlib.suppress(OSError, ValueError):
-            files += [
-                io.BytesIO(head)
-                for _, head in held_pictures(path, *gltf_tree(path, MOST), 1 << 20)
-                if len(head) > SMALL
-            ]
+        with contextlib.suppress(OSError, ValueError, LookupError, TypeError, AttributeError), open(path, "rb") as file:
+            tree, start = gltf_tree(path, MOST)
+            views = (tree["bufferViews"][image["bufferView"]] for image in tree["images"] if "bufferView" in image)
+            for view in views:
+                if view["byteLength"] > SMALL:
+                    file.seek(start + view.get("byteOffset", 0))
+                    files.append(io.BytesIO(file.read(min(view["byteLength"], 1 << 20))))
     total = 0
     for each in files:
         try:
@@ -214,24 +194,6 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
             continue
         total += width * height if max(width, height) <= LARGEST_SIDE else 0
     return total
-
-
-def held_pictures(path: Path, tree: Mapping[str, Any], start: int, most: int | None = None) -> list[tuple[int, bytes]]:
-    """Numbers and bytes (`most` of each) of the pictures within a .glb file; tree, start: as `gltf_tree` gives them.
-
-    Raises ValueError if the file is damaged.
-    """
-    found = []
-    try:
-        with open(path, "rb") as file:
-            for number, image in enumerate(tree.get("images", [])):
-                if "bufferView" in image:
-                    view = tree["bufferViews"][image["bufferView"]]
-                    file.seek(start + view.get("byteOffset", 0))
-                    found.append((number, file.read(min(view["byteLength"], most or view["byteLength"]))))
-    except (LookupError, TypeError, AttributeError) as error:
-        raise ValueError(str(error)) from None
-    return found
 
 
 def gltf_tree(path: Path, most: int | None = None) -> tuple[dict[str, Any], int]:
