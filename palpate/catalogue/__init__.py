@@ -4,7 +4,7 @@ from palpate.lazy import lazy_exports
 
 EXPORTS = {
     "batches": ["assign_batches", "batch_number", "in_order", "read_places", "resolve_batch_size", "write_places"],
-    "changes": ["mesh_files", "stamps", "state", "write_state"],
+    "changes": ["mesh_files", "source_checksums"],
     "record": ["check_same_run", "write_record"],
     "source": ["UP_AXIS", "CatalogueError", "Source"],
     "sources": [

@@ -4,7 +4,7 @@ import os
 import re
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,6 +45,11 @@ FORMAT_UP = {".glb": "y", ".gltf": "y"}
 UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
 
 
+def subfolders(folder: Path) -> list[str]:
+    """Names of the folders in a folder that are not hidden, sorted."""
+    return sorted(each.name for each in os.scandir(folder) if each.is_dir() and not each.name.startswith("."))
+
+
 @dataclass(frozen=True)
 class Source:
     """The section `source` of a config.
@@ -76,11 +81,10 @@ class Source:
     def from_config(cls, config: Mapping[str, Any], project: Path | str) -> "Source":
         """The source of a checked config, with absolute paths: relative ones are the project's.
 
-        Procedural objects are made in the run's folder. Keys that a config of an older version lacks have their
-        defaults, and those that only it has do not count. Raises ConfigError as `absolute` does.
+        Procedural objects are made in the run's folder. Keys of version 0.3 that are gone do not count. Raises
+        ConfigError as `absolute` does.
         """
-        known = {each.name for each in fields(cls)}
-        section = {key: value for key, value in config["source"].items() if key in known}
+        section = {key: value for key, value in config["source"].items() if key in cls.__dataclass_fields__}
         made_in = Path(absolute(config["results"], project), config["run"], "sources")
         section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None
@@ -98,8 +102,7 @@ class Source:
 
     def class_folders(self, place: Path) -> list[str]:
         """Names of the folders of classes in a folder, sorted."""
-        found = sorted(each.name for each in os.scandir(place) if each.is_dir() and not each.name.startswith("."))
-        return [name for name in found if self.kind != "shapenet" or re.fullmatch(r"\d{8}", name)]
+        return [name for name in subfolders(place) if self.kind != "shapenet" or re.fullmatch(r"\d{8}", name)]
 
     def class_of(self, folder: str) -> str:
         """The class of a folder's name."""

@@ -18,7 +18,7 @@ from unicodedata import normalize
 from palpate import shapes
 from palpate.batch import UnusableObject, generator
 from palpate.catalogue.object_table import ObjectTable, read_object_table
-from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source
+from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source, subfolders
 from palpate.catalogue.variants import is_general, of_one_object
 from palpate.configuration import ConfigError
 from palpate.mesh.recognise import UNREAD
@@ -218,21 +218,15 @@ def _no_mesh(source: Source) -> str:
 def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> list[SourceObject]:
     """The objects of a class, or of all classes, named by their paths, without what users say of them, but for files
     that they exclude."""
-    found: list[SourceObject] = []
-    for pattern in source.patterns:
-        better = {(each.class_name, each.object): place for place, each in enumerate(found)}
-        for each in _of_pattern(source, pattern, class_name):
-            if table.excludes and table.of(each.source, "").exclude == "yes":
-                continue
-            place = better.get((each.class_name, each.object))
-            if place is None:
-                found.append(each)
-            else:
-                found[place] = found[place]._replace(others=(*found[place].others, each.source))
+    entries = _one_of_each(
+        each
+        for pattern in source.patterns
+        for each in _of_pattern(source, pattern, class_name)
+        if table.of(each.source, "").exclude != "yes"
+    )
     if not source.pattern:
-        _warn_of_folders_without(source, class_name, found)
-    found = [each._replace(others=tuple(sorted(each.others))) if each.others else each for each in _one_of_each(found)]
-    return _without_general_names(found) if source.kind == "folder" else found
+        _warn_of_folders_without(source, class_name, entries)
+    return _without_general_names(entries) if source.kind == "folder" else entries
 
 
 def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterator[SourceObject]:
@@ -317,56 +311,42 @@ def _returns(top: Path, folder: Path) -> bool:
     return any(os.path.commonpath((each, target)) == target for each in above)
 
 
-def _warn_of_folders_without(source: Source, class_name: str | None, found: Iterable[SourceObject]) -> None:
+def _warn_of_folders_without(source: Source, class_name: str | None, entries: Iterable[SourceObject]) -> None:
     """Name the objects' folders of a published layout in which no mesh is."""
-    pattern, place = source.patterns[0].split("/"), Path(source.path)
-    if "*" in pattern[-1] or (source.has_class_folders and class_name is None):
+    place = Path(source.path)
+    if "*" in source.patterns[0].split("/")[-1] or (source.has_class_folders and class_name is None):
         return
     if source.has_class_folders:
         place /= source.folder_of(class_name)
-    names = {each.object for each in found}
-    if not place.is_dir():
-        return
-    folders = sorted(each.name for each in os.scandir(place) if each.is_dir() and not each.name.startswith("."))
-    if without := [name for name in folders if name not in names]:
+    if place.is_dir() and (without := sorted(set(subfolders(place)) - {each.object for each in entries})):
         log.warning("%s: no mesh in %d models: %s", place, len(without), _listed(without))
 
 
-def _one_of_each(found: list[SourceObject]) -> Iterator[SourceObject]:
+def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
     """One entry for all files that show one object (`palpate.catalogue.variants`): of the best, by `PREFERENCE`, one.
 
-    Files of patterns that end with a file's name are objects of their own.
+    Of a layout's patterns that end with a file's name, the first that matches counts.
     """
-    classes: dict[str, list[SourceObject]] = {}
-    for each in found:
-        if MESH_SUFFIX.sub("", each.source).endswith(each.object):
-            classes.setdefault(each.class_name, []).append(each)
-        else:
-            yield each
-    for entries in classes.values():
-        entries = sorted(entries, key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
-        for best, *others in of_one_object([each.object for each in entries]):
-            entry, others = entries[best], (entries[each].source for each in others)
-            yield entry._replace(others=(*entry.others, *others))
+    groups: dict[tuple[str, ...], list[SourceObject]] = {}
+    for each in entries:
+        is_named_by_file = MESH_SUFFIX.sub("", each.source).endswith(each.object)
+        groups.setdefault((each.class_name, *([] if is_named_by_file else [each.object])), []).append(each)
+    chosen = []
+    for (_, *name), group in groups.items():
+        group.sort(key=lambda each: 0 if name else PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
+        for best, *others in [range(len(group))] if name else of_one_object([each.object for each in group]):
+            chosen.append(group[best]._replace(others=tuple(sorted(group[each].source for each in others))))
+    return chosen
 
 
-def _without_general_names(found: list[SourceObject]) -> list[SourceObject]:
+def _without_general_names(entries: Iterable[SourceObject]) -> list[SourceObject]:
     """The entries, named by their folders where a file's name says nothing: `003_can/textured`, alone there."""
-    taken = {(each.class_name, each.object) for each in found}
-    inside: Counter[tuple[str, str]] = Counter()
-    for each in found:
-        above = each.object
-        while above := above.rpartition("/")[0]:
-            inside[each.class_name, above] += 1
-    renamed = []
-    for each in found:
-        name = each.object
-        above, _, last = name.rpartition("/")
-        while above and inside[each.class_name, above] == 1 and is_general(last):
-            name = above
-            above, _, last = name.rpartition("/")
-        renamed.append(each if (each.class_name, name) in taken else each._replace(object=name))
-    return renamed
+    steps = [(each, [each.class_name, *each.object.split("/")]) for each in entries]
+    below = Counter(tuple(path[:end]) for _, path in steps for end in range(2, len(path) + 1))
+    for _, path in steps:
+        while len(path) > 2 and is_general(path[-1]) and below[tuple(path[:-1])] == 1:
+            path.pop()
+    return [each._replace(object="/".join(path[1:])) for each, path in steps]
 
 
 def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:

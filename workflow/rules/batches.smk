@@ -52,10 +52,11 @@ def batch_sources(batch):
 
 
 @cache
-def source_state(batch):
-    """What tells whether the files of a batch have changed: their times do not count, so that an older file is seen."""
-    is_made = SOURCE.kind == "procedural"
-    return "" if is_made else catalogue.state(RUN_FOLDER, batch, mesh_files(batch), SOURCE.path)
+def source_checksums(batch):
+    """Checksums of a batch's objects, which tell whether files have changed; procedural ones are made in the run."""
+    if SOURCE.kind == "procedural":
+        return {}
+    return catalogue.source_checksums(Path(RUN_FOLDER, f"catalogue/.{batch}.json"), mesh_files(batch), SOURCE.path)
 
 
 @cache
