@@ -8,11 +8,21 @@ EXPORTS = {
     "record": ["check_same_run", "write_record"],
     "source": ["UP_AXIS", "CatalogueError", "Source"],
     "sources": [
-        *("LETTERS", "SourceObject", "all_classes", "class_counts", "file_name", "scan", "style_of", "unread_lines"),
+        *(
+            "LETTERS",
+            "SourceObject",
+            "all_classes",
+            "class_counts",
+            "file_name",
+            "listed",
+            "scan",
+            "style_of",
+            "unread_lines",
+        ),
     ],
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
-        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "fill"),
+        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "copy_lines"),
         *("companions", "read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),
     ],
     "variants": ["is_collision"],

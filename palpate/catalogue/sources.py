@@ -92,7 +92,7 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
         elif table.gives_classes:
             found, place = everything.get(name, []), Path(source.objects)
             if not found:
-                raise CatalogueError(f"{place}: no mesh is of class {name}; there are {_listed(sorted(everything))}")
+                raise CatalogueError(f"{place}: no mesh is of class {name}; there are {listed(sorted(everything))}")
         else:
             found = _candidates(source, name, table)
             own_folder = source.has_class_folders and not source.pattern
@@ -138,7 +138,7 @@ def all_classes(source: Source) -> dict[str, Count]:
             each for each in folders if any(next(_matches(root, _filled(name, each)), None) for name in source.patterns)
         ]
         if empty := [each for each in folders if each not in found]:
-            log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
+            log.warning("%s: no mesh in %s: no classes", root, listed(empty))
         if not found:
             raise CatalogueError(
                 f"{root}: no folder of a class in it: put meshes in {root}/<class>/, or set source.pattern "
@@ -158,7 +158,7 @@ def unread_lines(source: Source) -> list[str]:
         for file in _each_mesh(Path(source.path), UNREAD_SUFFIX):
             found.setdefault(UNREAD[os.path.splitext(file)[1].lower()], []).append(file)
     return [
-        f"{len(files)} {name} file{'s' * (len(files) > 1)} passed over ({_listed(sorted(files), 3)}): {remedy}"
+        f"{len(files)} {name} file{'s' * (len(files) > 1)} passed over ({listed(sorted(files), 3)}): {remedy}"
         for (name, remedy), files in sorted(found.items())
     ]
 
@@ -269,7 +269,7 @@ def _class_folders(source: Source, above: Sequence[str], folder: str, class_name
         )
     present = source.class_folders(place) if place.is_dir() else []
     raise CatalogueError(
-        f"{place / folder}: no such folder: the class {class_name} has its meshes there; {place} has {_listed(present)}"
+        f"{place / folder}: no such folder: the class {class_name} has its meshes there; {place} has {listed(present)}"
     )
 
 
@@ -319,7 +319,7 @@ def _warn_of_folders_without(source: Source, class_name: str | None, entries: It
     if source.has_class_folders:
         place /= source.folder_of(class_name)
     if place.is_dir() and (without := sorted(set(subfolders(place)) - {each.object for each in entries})):
-        log.warning("%s: no mesh in %d models: %s", place, len(without), _listed(without))
+        log.warning("%s: no mesh in %d models: %s", place, len(without), listed(without))
 
 
 def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
@@ -406,7 +406,7 @@ def _released(source: Source, name: str) -> list[SourceObject]:
     found = [each for each in objects if each.class_name == name]
     if not found:
         present = dict.fromkeys(each.class_name for each in objects)
-        raise CatalogueError(f"{source.path}: no object of class {name}; it has {_listed(present)}")
+        raise CatalogueError(f"{source.path}: no object of class {name}; it has {listed(present)}")
     return [SourceObject(_object(name, each.name), name, each.source, split=each.split) for each in found]
 
 
@@ -480,6 +480,7 @@ def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) 
     return sorted(entries)
 
 
-def _listed(names: Iterable[str], most: int = 10) -> str:
+def listed(names: Iterable[str], most: int = 10) -> str:
+    """The first few of some names, as messages have them."""
     names = list(names)
     return (", ".join(names[:most]) or "nothing") + (", ..." if len(names) > most else "")

@@ -4,14 +4,14 @@ import csv
 import hashlib
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate import named_files, provenance, shapes
 from palpate.atomic import atomic_write
 from palpate.catalogue.source import CatalogueError
-from palpate.catalogue.sources import SourceObject, style_of
+from palpate.catalogue.sources import SourceObject, listed, style_of
 from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
 from palpate.checksums import DamagedFile, read_rows, size_and_sha256
 from palpate.rebuild_command import rebuild_advice, rebuild_command, run_folder
@@ -164,6 +164,25 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
     for name, group in zip(place, connected_components(joined)[1], strict=True):
         groups.setdefault(group, []).append(name)
     return [group for group in groups.values() if len(group) > 1]
+
+
+def copy_lines(
+    groups: Iterable[Sequence[str]], checksums: Mapping[str, str], splits: Mapping[str, str], most: int = 3
+) -> Iterator[str]:
+    """Lines on objects that are there several times, in one split or in several: the first groups by name.
+
+    groups: of `copies`. checksums, splits: of each object.
+    """
+    together: dict[str, list[str]] = {"in one split": [], "IN DIFFERENT SPLITS": []}
+    for group in groups:
+        place = "in one split" if len({splits[name] for name in group}) == 1 else "IN DIFFERENT SPLITS"
+        sign = " = " if len({checksums[name] or name for name in group}) == 1 else " ~ "
+        together[place].append(sign.join(group[: most + 1]))
+    for place, names in together.items():
+        if names:
+            verb = "object is" if len(names) == 1 else "objects are"
+            signs = "(= the same files, ~ the same shape)"
+            yield f"{len(names)} {verb} there several times, {place} {signs}: {listed(names, most)}"
 
 
 def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
