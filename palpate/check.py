@@ -54,12 +54,16 @@ class HandFiles(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What a config means: its source, objects of each class, all objects, an own hand or None, the touch sensor, the
-    experiments that there are, and how they are trained."""
+    """What a config means: the run's folder, its source, objects of each class, all objects, objects a batch and the
+    batch of each that the run has had, an own hand or None, the touch sensor, the experiments that there are, and how
+    they are trained."""
 
+    folder: str
     source: Source
     classes: dict[str, int | str]
     entries: list[SourceObject]
+    batch_size: int
+    batches: dict[str, str]
     hand: HandFiles | None
     sensor: Sensor
     experiments: Experiments
@@ -80,8 +84,10 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     """What a config that fits the schema means; no mesh is opened. Relative paths are the project's.
 
     Raises `ConfigError` and `catalogue.CatalogueError`, in a line with the remedy, for a file that is missing or
-    invalid, a source without what is asked of it, and keys that contradict each other.
+    invalid, a source without what is asked of it, keys that contradict each other, and a folder that has another run.
     """
+    folder = str(Path(absolute(config["results"], project), config["run"]))
+    catalogue.check_same_run(folder, config, project)
     settings, schemas, training = Path(project, "config"), Path(project, "workflow/schemas"), config["training"]
     experiments = Experiments.read(settings / "experiments.yaml", schemas / "experiments.schema.yaml")
     chosen = training["recipe"], training["override"]
@@ -92,6 +98,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     entries = catalogue.scan(source, classes)
     for entry in entries:
         checked(f"{source.path}/{entry.source}")
+    batches = catalogue.read_batches(folder, config["batch_size"], len(entries))
     grasps = config["grasps"]
     own = grasps["hand"]
     hand = HandFiles(absolute(own["mjcf"], project), absolute(own["sensors"], project)) if own else None
@@ -117,7 +124,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     for message, holds in contradictions.items():
         if holds:
             raise ConfigError(f"config {message}")
-    return Settings(source, classes, entries, hand, touch_sensor, experiments, recipe)
+    return Settings(folder, source, classes, entries, *batches, hand, touch_sensor, experiments, recipe)
 
 
 say = partial(print, flush=True)
@@ -135,10 +142,7 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     logging.getLogger("palpate").addHandler(logging.NullHandler())  # warnings of textures are lines of the check
     config = read_config(project / DEFAULT, overlays)
     check(config, project / SCHEMA, FILES)
-    run = Path(absolute(config["results"], project), config["run"])
-    catalogue.check_same_run(run, config, project)
     settings = resolve(config, project)
-    catalogue.read_places(run, catalogue.resolve_batch_size(config["batch_size"], len(settings.entries), run))
     checksums = same_size_checksums(settings)
     for line in object_lines(settings, config, checksums):
         say(line)
@@ -177,7 +181,7 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
                     say(f"  can't be used: {error}")
     from palpate.results.hand_sheet import check_sheet
 
-    path = picture or run / "check.png"
+    path = picture or Path(settings.folder, "check.png")
     with atomic_write(path) as partial:
         check_sheet(hand, settings.sensor, pictures).savefig(partial, format="png")
     say(f"{path}: the hand with its sensor frames{', images and readings' if pictures else ''}")

@@ -3,7 +3,7 @@
 from palpate.lazy import lazy_exports
 
 EXPORTS = {
-    "batches": ["assign_batches", "batch_number", "in_order", "read_places", "resolve_batch_size", "write_places"],
+    "batches": ["assign_batches", "batch_number", "in_order", "read_batches", "write_batches"],
     "changes": ["mesh_files", "source_checksums"],
     "record": ["check_same_run", "write_record"],
     "source": ["UP_AXIS", "CatalogueError", "Source"],

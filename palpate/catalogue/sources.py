@@ -419,32 +419,29 @@ def _released_objects(source: Source) -> list[ReleasedObject]:
 
 @cache
 def file_name(class_name: str) -> str:
-    """A class's name as a part of file names: spaces are `_`; where other characters have to go, a hash follows."""
-    spaced = normalize("NFC", class_name).replace(" ", "_")
-    safe = re.sub(rf"[^{LETTERS}.-]", "_", spaced)
+    """A class's name as a part of file names: spaces are `_`, and then as `_safe`."""
+    return _safe(normalize("NFC", class_name).replace(" ", "_"), class_name)
+
+
+def _object(class_name: str, path: str) -> str:
+    """The object's name: class and path, folders joined by '-'; what repeats the part before it is left out."""
+    path = normalize("NFC", path)
+    parts = [class_name, *path.split("/")]
+    kept = [part for before, part in zip(parts, parts[1:], strict=False) if part != before]
+    return _safe("-".join([file_name(class_name), *kept]), path)
+
+
+def _safe(text: str, origin: str) -> str:
+    """A text as a file's name. Other characters than letters, digits, `_`, `.` and `-` are `_`, and what is too long is
+    cut off. A hash of its origin follows then, so that different files keep different names."""
+    safe = re.sub(rf"[^{LETTERS}.-]", "_", text)
     if len(safe.encode()) > LONGEST_NAME:
-        safe, spaced = safe.encode()[: LONGEST_NAME - 9].decode(errors="ignore"), ""
-    return safe if safe == spaced else f"{safe}-{_hash(class_name)}"
+        safe = safe.encode()[: LONGEST_NAME - 9].decode(errors="ignore")
+    return safe if safe == text else f"{safe}-{_hash(origin)}"
 
 
 def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
-
-
-def _object(class_name: str, path: str) -> str:
-    """The object's name: class and path, folders joined by '-'; what repeats the part before it is left out.
-
-    A path that has other characters than letters, digits, `_`, `.` and `-` loses them and gets a hash of itself
-    instead, so that different files keep different names. So does one that is too long for a file's name.
-    """
-    path = normalize("NFC", path)
-    parts = [class_name, *path.split("/")]
-    joined = "-".join(part for before, part in zip(parts, parts[1:], strict=False) if part != before)
-    safe = re.sub(rf"[^{LETTERS}.-]", "_", joined)
-    name = f"{file_name(class_name)}-{safe}" if safe else file_name(class_name)
-    if len(name.encode()) > LONGEST_NAME:
-        return f"{name.encode()[: LONGEST_NAME - 9].decode(errors='ignore')}-{_hash(path)}"
-    return name if safe == joined else f"{name}-{_hash(path)}"
 
 
 def _distinct(entries: list[SourceObject]) -> list[SourceObject]:

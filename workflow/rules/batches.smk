@@ -15,9 +15,9 @@ def take_folder():
     try:
         lock.hold(RUN_FOLDER, logger.warning)
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)  # again: a run may have begun in the meantime
-        if catalogue.read_places(RUN_FOLDER, BATCH_SIZE) != KNOWN_PLACES:
+        if catalogue.read_batches(RUN_FOLDER, BATCH_SIZE, len(ENTRIES))[1] != KNOWN_PLACES:
             stop(f"{RUN_FOLDER}: another run has added objects since this one was started: start it again")
-        catalogue.write_places(RUN_FOLDER, BATCH_SIZE, PLACES)
+        catalogue.write_batches(RUN_FOLDER, BATCH_SIZE, PLACES)
         catalogue.write_record(RUN_FOLDER, config)
         atomic.sweep(RUN_FOLDER, WHOLE_OUTPUT)
     except (lock.FolderInUse, catalogue.CatalogueError) as error:
