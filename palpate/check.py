@@ -13,7 +13,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from itertools import zip_longest
+from itertools import accumulate, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -160,7 +160,8 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
         say(line)
     grasp.check_hand(hand, config["grasps"]["timestep"], config["grasps"]["max_penetration"])
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
-        looks = [look(entry, root) for entry, root in _opened(settings, name, config["seed"], Path(scratch))]
+        root = Path(scratch if settings.source.kind == "procedural" else settings.source.path)
+        looks = [look(entry, root) for entry in _opened(settings, name, config["seed"], root)]
         for line in mesh_lines(looks, settings, config, checksums):
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
@@ -174,7 +175,7 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
             for each in trials:
                 say(f"{each.entry.object}, through every stage:")
                 try:
-                    made = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch))
+                    made = make_example(each.entry, root, config, settings.sensor, hand, Path(scratch))
                     pictures |= {f"{class_name}: {title}": picture for title, picture in made.items()}
                     break
                 except UnusableObject as error:
@@ -262,13 +263,12 @@ def _unlike_lines(settings: Settings) -> Iterator[str]:
 class Look(NamedTuple):
     """A mesh file that was opened.
 
-    Attributes: root, the folder of its source; extent, its box from corner to corner in its own unit; faces; missing,
+    Attributes: extent, its box from corner to corner in its own unit; faces; missing,
         what is wrong with files that it names, by their names; shape, as `palpate.mesh.facts` has it; problem, why it
         can't be used, or empty.
     """
 
     entry: SourceObject
-    root: Path
     extent: float = 0.0
     faces: int = 0
     missing: Mapping[str, str] = {}
@@ -276,40 +276,42 @@ class Look(NamedTuple):
     problem: str = ""
 
 
-def _opened(settings: Settings, name: str | None, seed: int, scratch: Path) -> Iterator[tuple[SourceObject, Path]]:
-    """The objects whose meshes are opened, and the folders that their sources are in: of each class in turn, and first
-    the one that was asked for. Procedural ones are written into a temporary folder."""
+def _opened(settings: Settings, name: str | None, seed: int, root: Path) -> list[SourceObject]:
+    """The objects whose meshes are opened, of each class in turn, and first the one that was asked for.
+
+    root: of the sources; procedural ones are written into it.
+    """
     by_class = ([each for each in settings.entries if each.class_name == kind] for kind in settings.classes)
     turns = [each for turn in zip_longest(*by_class) for each in turn if each]
     known = [each.object for each in turns]
     if name and name not in known:
-        raise ConfigError(f"no object {name!r} in this run; its objects are {', '.join(known[:10])}, ...")
+        raise ConfigError(f"no object {name!r} in this run; its objects are {catalogue.listed(known)}")
     turns.sort(key=lambda each: each.object != name)
     if settings.source.kind == "procedural":  # all sound, and they have to be made first
         from palpate import shapes
 
-        for each in turns[: max(TRIED, min(len(settings.classes), EXAMPLES))]:
-            (scratch / each.class_name).mkdir(exist_ok=True)
-            shapes.write(each.class_name, int(each.object.rpartition("-")[2]), scratch / each.source, seed)
-            yield each, scratch
-        return
-    root, total = Path(settings.source.path), 0
-    for number, each in enumerate(turns[:MOST_OPENED]):
-        path = root / each.source
-        total += path.stat().st_size if path.is_file() else 0  # a missing file is reported later
-        if not number or total <= MOST_BYTES:
-            yield each, root
+        turns = turns[: max(TRIED, min(len(settings.classes), EXAMPLES))]
+        for each in turns:
+            (root / each.class_name).mkdir(exist_ok=True)
+            shapes.write(each.class_name, int(each.object.rpartition("-")[2]), root / each.source, seed)
+        return turns
+    turns = turns[:MOST_OPENED]
+    files = [root / each.source for each in turns]
+    totals = accumulate(
+        path.stat().st_size if path.is_file() else 0 for path in files
+    )  # the missing are reported later
+    return [each for each, total in zip(turns, totals, strict=True) if each is turns[0] or total <= MOST_BYTES]
 
 
 def look(entry: SourceObject, root: Path) -> Look:
-    """Open an object's mesh, in a process of its own."""
+    """Open an object's mesh, in a process of its own. root: of the sources."""
     import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
     from palpate.mesh.isolation import isolated
 
     try:
-        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, root, seconds=SECONDS_A_MESH))
+        return Look(entry, *isolated(_open, root / entry.source, entry.scale, root, seconds=SECONDS_A_MESH))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
-        return Look(entry, root, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
+        return Look(entry, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
 
 
 def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str], list[float]]:

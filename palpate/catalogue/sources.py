@@ -232,16 +232,10 @@ def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> l
 def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterator[SourceObject]:
     """The mesh files that a pattern matches; class_name: of this class, or None for those of all."""
     root, steps = Path(source.path), pattern.split("/")
-    if "{class}" not in steps:
-        of_class = {"": class_name or ONE_CLASS}
-    elif class_name is not None:
-        folder = source.folder_of(class_name)
-        folders = _class_folders(source, steps[: steps.index("{class}")], folder, class_name)
-        of_class = dict.fromkeys(folders, class_name)
+    if "{class}" in steps:
+        of_class = _classes_by_folder(source, steps[: steps.index("{class}")], class_name)
     else:
-        above = "".join(f"{step}/" for step in steps[: steps.index("{class}")])
-        places = sorted(glob.glob(above, root_dir=root)) if above else [""]
-        of_class = {folder: source.class_of(folder) for each in places for folder in source.class_folders(root / each)}
+        of_class = {"": class_name or ONE_CLASS}
     for folder, name in sorted(of_class.items()):
         wild = [place for place, step in enumerate(steps) if glob.has_magic(step)] or [0, len(steps) - 1]
         after = len(steps) - 1 - wild[-1]  # fixed steps at the end
@@ -256,21 +250,24 @@ def _filled(pattern: str, folder: str) -> str:
     return pattern.replace("{class}", glob.escape(folder))
 
 
-def _class_folders(source: Source, above: Sequence[str], folder: str, class_name: str) -> list[str]:
-    """The names that a class's folder has: as it is given, or as macOS writes it. Raises CatalogueError for none."""
-    place, forms = Path(source.path, *above), (folder, *(normalize(form, folder) for form in ("NFC", "NFD")))
-    steps = "".join(f"{step}/" for step in above)
-    present = [each for each in dict.fromkeys(forms) if glob.glob(f"{steps}{glob.escape(each)}/", root_dir=source.path)]
-    if present or any(map(glob.has_magic, above)):
-        return present or [folder]
-    if source.kind == "shapenet":
+def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | None) -> dict[str, str]:
+    """The class of each folder that is one's, or of those of one class, whose name macOS may have written otherwise.
+
+    above: the steps of the pattern to these folders. Raises CatalogueError if a class has none.
+    """
+    root = Path(source.path)
+    places = sorted(glob.glob("/".join([*above, ""]), root_dir=root)) if above else [""]
+    folders = [folder for place in places for folder in source.class_folders(root / place)]
+    if class_name is None:
+        return {folder: source.class_of(folder) for folder in folders}
+    own = normalize("NFC", source.folder_of(class_name))
+    same = [folder for folder in folders if normalize("NFC", folder) == own]
+    if not same and not any(map(glob.has_magic, above)):
+        place = root.joinpath(*above)
         raise CatalogueError(
-            f"{place / folder}: no such folder: it holds ShapeNet's class {class_name}; unpack it there"
+            f"{place / own}: no such folder: the class {class_name} has its meshes there; {place} has {listed(folders)}"
         )
-    present = source.class_folders(place) if place.is_dir() else []
-    raise CatalogueError(
-        f"{place / folder}: no such folder: the class {class_name} has its meshes there; {place} has {listed(present)}"
-    )
+    return dict.fromkeys(same, class_name)
 
 
 def _matches(root: Path, pattern: str) -> Iterator[str]:

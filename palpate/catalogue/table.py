@@ -206,23 +206,19 @@ def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by
 
 
 def build(
-    root: Path | str,
-    entries: Iterable[SourceObject],
-    splits: Mapping[str, str],
-    batches: Mapping[str, str],
-    seed: int | None = None,
+    root: Path | str, entries: Iterable[SourceObject], batches: Mapping[str, str], seed: int | None = None
 ) -> list[CatalogueEntry]:
     """The rows of some objects, in their order.
 
-    root: the source's path, from which `source` is, so that the table is the same on every machine. splits, batches:
-    of each object by name. seed: of procedural objects, which have styles. Raises
-    `CatalogueError` if a mesh file does not exist (procedural objects must have been written).
+    root: the source's path, from which `source` is, so that the table is the same on every machine. batches: of each
+    object by name. seed: of procedural objects, which have styles. Raises `CatalogueError` if a mesh file does not
+    exist (procedural objects must have been written).
     """
     return [
         CatalogueEntry(
             entry.object,
             entry.class_name,
-            splits[entry.object],
+            entry.split,
             batches[entry.object],
             entry.source,
             checksum(Path(root, entry.source), root),

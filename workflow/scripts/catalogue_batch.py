@@ -9,7 +9,7 @@ from workflow.run.job import log_to
 from palpate import catalogue
 
 log_to(snakemake.log[0])
-params, names = snakemake.params, [each.object for each in snakemake.params.objects]
-no_splits, batches = dict.fromkeys(names, ""), dict.fromkeys(names, snakemake.wildcards.batch)
-entries = catalogue.build(params.root, params.objects, no_splits, batches, params.seed)
+params = snakemake.params
+batches = {each.object: snakemake.wildcards.batch for each in params.objects}
+entries = catalogue.build(params.root, params.objects, batches, params.seed)
 catalogue.write_catalogue(snakemake.output.table, entries)
