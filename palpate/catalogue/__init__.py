@@ -8,17 +8,8 @@ EXPORTS = {
     "record": ["check_same_run", "write_record"],
     "source": ["UP_AXIS", "CatalogueError", "Source"],
     "sources": [
-        *(
-            "LETTERS",
-            "SourceObject",
-            "all_classes",
-            "class_counts",
-            "file_name",
-            "listed",
-            "scan",
-            "style_of",
-            "unread_lines",
-        ),
+        *("LETTERS", "SourceObject", "all_classes", "class_counts", "file_name"),
+        *("listed", "scan", "style_of", "unread_lines"),
     ],
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
