@@ -263,9 +263,8 @@ def _unlike_lines(settings: Settings) -> Iterator[str]:
 class Look(NamedTuple):
     """A mesh file that was opened.
 
-    Attributes: extent, its box from corner to corner in its own unit; faces; missing,
-        what is wrong with files that it names, by their names; shape, as `palpate.mesh.facts` has it; problem, why it
-        can't be used, or empty.
+    Attributes: extent, its box from corner to corner in its own unit; faces; missing, what is wrong with files that it
+        names, by their names; shape, as `palpate.mesh.facts` has it; problem, why it can't be used, or empty.
     """
 
     entry: SourceObject
@@ -296,10 +295,8 @@ def _opened(settings: Settings, name: str | None, seed: int, root: Path) -> list
             shapes.write(each.class_name, int(each.object.rpartition("-")[2]), root / each.source, seed)
         return turns
     turns = turns[:MOST_OPENED]
-    files = [root / each.source for each in turns]
-    totals = accumulate(
-        path.stat().st_size if path.is_file() else 0 for path in files
-    )  # the missing are reported later
+    files = [root / each.source for each in turns]  # one that is missing is reported later
+    totals = accumulate(path.stat().st_size if path.is_file() else 0 for path in files)
     return [each for each, total in zip(turns, totals, strict=True) if each is turns[0] or total <= MOST_BYTES]
 
 

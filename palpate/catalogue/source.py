@@ -4,7 +4,7 @@ import os
 import re
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -84,7 +84,8 @@ class Source:
         Procedural objects are made in the run's folder. Keys of version 0.3 that are gone do not count. Raises
         ConfigError as `absolute` does.
         """
-        section = {key: value for key, value in config["source"].items() if key in cls.__dataclass_fields__}
+        known = {each.name for each in fields(cls)}
+        section = {key: value for key, value in config["source"].items() if key in known}
         made_in = Path(absolute(config["results"], project), config["run"], "sources")
         section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None

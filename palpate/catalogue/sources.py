@@ -256,16 +256,16 @@ def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | N
     above: the steps of the pattern to these folders. Raises CatalogueError if a class has none.
     """
     root = Path(source.path)
-    places = sorted(glob.glob("/".join([*above, ""]), root_dir=root)) if above else [""]
-    folders = [folder for place in places for folder in source.class_folders(root / place)]
     if class_name is None:
-        return {folder: source.class_of(folder) for folder in folders}
-    own = normalize("NFC", source.folder_of(class_name))
-    same = [folder for folder in folders if normalize("NFC", folder) == own]
+        places = sorted(glob.glob("/".join([*above, ""]), root_dir=root)) if above else [""]
+        return {folder: source.class_of(folder) for place in places for folder in source.class_folders(root / place)}
+    own, place = source.folder_of(class_name), root.joinpath(*above)
+    forms = dict.fromkeys([own, *(normalize(form, own) for form in ("NFC", "NFD"))])
+    same = [each for each in forms if glob.glob("/".join([*above, glob.escape(each), ""]), root_dir=root)]
     if not same and not any(map(glob.has_magic, above)):
-        place = root.joinpath(*above)
+        present = listed(source.class_folders(place)) if place.is_dir() else "nothing"
         raise CatalogueError(
-            f"{place / own}: no such folder: the class {class_name} has its meshes there; {place} has {listed(folders)}"
+            f"{place / own}: no such folder: the class {class_name} has its meshes there; {place} has {present}"
         )
     return dict.fromkeys(same, class_name)
 
@@ -330,8 +330,11 @@ def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
         groups.setdefault((each.class_name, *([] if is_named_by_file else [each.object])), []).append(each)
     chosen = []
     for (_, *name), group in groups.items():
-        group.sort(key=lambda each: 0 if name else PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
-        for best, *others in [range(len(group))] if name else of_one_object([each.object for each in group]):
+        objects = [range(len(group))]
+        if not name:
+            group.sort(key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
+            objects = of_one_object([each.object for each in group])
+        for best, *others in objects:
             chosen.append(group[best]._replace(others=tuple(sorted(group[each].source for each in others))))
     return chosen
 
