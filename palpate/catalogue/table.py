@@ -19,6 +19,7 @@ from palpate.released import layout
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others", "turn", "style")
 OTHERS = "; "
+NAMED = 3  # groups of copies that a line names
 ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look like copies
 
 
@@ -167,7 +168,7 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
 
 
 def copy_lines(
-    groups: Iterable[Sequence[str]], checksums: Mapping[str, str], splits: Mapping[str, str], most: int = 3
+    groups: Iterable[Sequence[str]], checksums: Mapping[str, str], splits: Mapping[str, str]
 ) -> Iterator[str]:
     """Lines on objects that are there several times, in one split or in several: the first groups by name.
 
@@ -177,12 +178,12 @@ def copy_lines(
     for group in groups:
         place = "in one split" if len({splits[name] for name in group}) == 1 else "IN DIFFERENT SPLITS"
         sign = " = " if len({checksums[name] or name for name in group}) == 1 else " ~ "
-        together[place].append(sign.join(group[: most + 1]))
+        together[place].append(sign.join(group[: NAMED + 1]))
     for place, names in together.items():
         if names:
             verb = "object is" if len(names) == 1 else "objects are"
             signs = "(= the same files, ~ the same shape)"
-            yield f"{len(names)} {verb} there several times, {place} {signs}: {listed(names, most)}"
+            yield f"{len(names)} {verb} there several times, {place} {signs}: {listed(names, NAMED)}"
 
 
 def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
