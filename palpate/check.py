@@ -13,26 +13,25 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from itertools import zip_longest
+from itertools import accumulate, zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate import catalogue, named_files, sensor
+from palpate import hand as hands
 from palpate.atomic import atomic_write
 from palpate.batch import UnusableObject, generator
 from palpate.catalogue import Source, SourceObject
 from palpate.catalogue.source import LAYOUTS
 from palpate.configuration import ConfigError, absolute, check, read_config
 from palpate.experiments import Experiments
+from palpate.hand import DURATION, Hand
 from palpate.mesh.recognise import what_it_is
 from palpate.sensor import Sensor
 from palpate.training import tuning
 from palpate.training.recipes import Recipe
-
-if TYPE_CHECKING:
-    from palpate.hand import Hand
 
 DEFAULT, SCHEMA = "config/config.yaml", "workflow/schemas/config.schema.yaml"
 FILES = "the config (config/config.yaml with --configfile and --config)"  # as messages name it
@@ -55,12 +54,16 @@ class HandFiles(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What a config means: its source, objects of each class, all objects, an own hand or None, the touch sensor, the
-    experiments that there are, and how they are trained."""
+    """What a config means: the run's folder, its source, objects of each class, all objects, objects a batch and the
+    batch of each that the run has had, an own hand or None, the touch sensor, the experiments that there are, and how
+    they are trained."""
 
+    folder: str
     source: Source
     classes: dict[str, int | str]
     entries: list[SourceObject]
+    batch_size: int
+    batches: dict[str, str]
     hand: HandFiles | None
     sensor: Sensor
     experiments: Experiments
@@ -81,8 +84,10 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     """What a config that fits the schema means; no mesh is opened. Relative paths are the project's.
 
     Raises `ConfigError` and `catalogue.CatalogueError`, in a line with the remedy, for a file that is missing or
-    invalid, a source without what is asked of it, and keys that contradict each other.
+    invalid, a source without what is asked of it, keys that contradict each other, and a folder that has another run.
     """
+    folder = str(Path(absolute(config["results"], project), config["run"]))
+    catalogue.check_same_run(folder, config, project)
     settings, schemas, training = Path(project, "config"), Path(project, "workflow/schemas"), config["training"]
     experiments = Experiments.read(settings / "experiments.yaml", schemas / "experiments.schema.yaml")
     chosen = training["recipe"], training["override"]
@@ -93,35 +98,33 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     entries = catalogue.scan(source, classes)
     for entry in entries:
         checked(f"{source.path}/{entry.source}")
+    batches = catalogue.read_batches(folder, config["batch_size"], len(entries))
     grasps = config["grasps"]
     own = grasps["hand"]
     hand = HandFiles(absolute(own["mjcf"], project), absolute(own["sensors"], project)) if own else None
     touch_sensor = sensor.load(config["touch"]["sensor"], project)
-    if source.kind == "released" and touch_sensor.geometry_difference(sensor.DIGIT):
-        raise ConfigError("config touch.sensor: the released data are of the DIGIT: leave it `digit`")
-    if grasps["per_object"] > grasps["attempts"]:
-        raise ConfigError("config grasps: attempts must be at least per_object")
-    if grasps["attempts"] > grasps["max_attempts"]:
-        raise ConfigError("config grasps: max_attempts must be at least attempts")
     for path in hand or ():
         if not Path(path).is_file():
             raise ConfigError(f"config grasps.hand: {path}: no such file")
-    frames = config["frames"]
-    if frames["count"]:
-        from palpate.hand import DURATION
-
-        states = round(DURATION / grasps["timestep"]) + 1
-        if frames["count"] > states:
-            raise ConfigError(f"config frames.count: at a time step of {grasps['timestep']} s at most {states}")
-    if frames["images"] > frames["count"]:
-        raise ConfigError(f"config frames.images: at most frames.count, {frames['count']}")
-    if source.kind == "released" and config["hold"]["test"]:
-        raise ConfigError("config hold: a released dataset has no grasps that could be tested: set test to false")
-    if source.kind == "released" and frames["count"]:
-        raise ConfigError("config frames: a released dataset has no grasps that could be closed again: set count to 0")
-    if source.kind == "released" and config["vision"]["cameras"]:
-        raise ConfigError("config vision.cameras: a released dataset has the paper's camera: set it to null")
-    return Settings(source, classes, entries, hand, touch_sensor, experiments, recipe)
+    frames, states = config["frames"], round(DURATION / grasps["timestep"]) + 1
+    contradictions = {
+        "grasps: attempts must be at least per_object": grasps["per_object"] > grasps["attempts"],
+        "grasps: max_attempts must be at least attempts": grasps["attempts"] > grasps["max_attempts"],
+        f"frames.count: at a time step of {grasps['timestep']} s at most {states}": frames["count"] > states,
+        f"frames.images: at most frames.count, {frames['count']}": frames["images"] > frames["count"],
+    }
+    if source.kind == "released":
+        contradictions |= {
+            "touch.sensor: released data are of the DIGIT: leave it `digit`": touch_sensor.geometry
+            != sensor.DIGIT.geometry,
+            "hold: released data have no grasps that could be tested: set test to false": config["hold"]["test"],
+            "frames: released data have no grasps that could be closed again: set count to 0": frames["count"],
+            "vision.cameras: released data have the paper's camera: set it to null": config["vision"]["cameras"],
+        }
+    for message, holds in contradictions.items():
+        if holds:
+            raise ConfigError(f"config {message}")
+    return Settings(folder, source, classes, entries, *batches, hand, touch_sensor, experiments, recipe)
 
 
 say = partial(print, flush=True)
@@ -139,11 +142,9 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     logging.getLogger("palpate").addHandler(logging.NullHandler())  # warnings of textures are lines of the check
     config = read_config(project / DEFAULT, overlays)
     check(config, project / SCHEMA, FILES)
-    run = Path(absolute(config["results"], project), config["run"])
-    catalogue.check_same_run(run, config, project)
     settings = resolve(config, project)
-    catalogue.read_places(run, catalogue.resolve_batch_size(config["batch_size"], len(settings.entries), run))
-    for line in object_lines(settings, config):
+    checksums = same_size_checksums(settings)
+    for line in object_lines(settings, config, checksums):
         say(line)
     if settings.source.kind == "released":
         return say("released data are read, not simulated: there is nothing to try")
@@ -151,7 +152,6 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
 
     blender.load()  # before trimesh, which all that follows loads
     from palpate import grasp, scene
-    from palpate import hand as hands
 
     scene.draw(config["vision"], config["seed"], "")
     own, face = settings.hand, settings.sensor.gel_face
@@ -160,8 +160,9 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
         say(line)
     grasp.check_hand(hand, config["grasps"]["timestep"], config["grasps"]["max_penetration"])
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
-        looks = [look(entry, root) for entry, root in _opened(settings, name, config["seed"], Path(scratch))]
-        for line in mesh_lines(looks, settings, config):
+        root = Path(scratch if settings.source.kind == "procedural" else settings.source.path)
+        looks = [look(entry, root) for entry in _opened(settings, name, config["seed"], root)]
+        for line in mesh_lines(looks, settings, config, checksums):
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
@@ -174,14 +175,14 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
             for each in trials:
                 say(f"{each.entry.object}, through every stage:")
                 try:
-                    made = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch))
+                    made = make_example(each.entry, root, config, settings.sensor, hand, Path(scratch))
                     pictures |= {f"{class_name}: {title}": picture for title, picture in made.items()}
                     break
                 except UnusableObject as error:
                     say(f"  can't be used: {error}")
     from palpate.results.hand_sheet import check_sheet
 
-    path = picture or run / "check.png"
+    path = picture or Path(settings.folder, "check.png")
     with atomic_write(path) as partial:
         check_sheet(hand, settings.sensor, pictures).savefig(partial, format="png")
     say(f"{path}: the hand with its sensor frames{', images and readings' if pictures else ''}")
@@ -189,11 +190,13 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     say(f"checked in {time.monotonic() - start:.0f} s. To make the dataset: snakemake --cores 2 dataset{options}")
 
 
-def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:
-    """The source, its objects by class and split, files that are passed over, copies, and splits that lack objects."""
+def object_lines(settings: Settings, config: Mapping[str, Any], checksums: Mapping[str, str]) -> Iterator[str]:
+    """The source, its objects by class and split, files that are passed over, and splits that lack objects.
+
+    checksums: of the objects, by name.
+    """
     source, entries = settings.source, settings.entries
-    groups = _same_files(settings)
-    splits = catalogue.splits_of(entries, config["split"], config["seed"], groups)
+    splits = catalogue.splits_of(entries, config["split"], config["seed"], catalogue.copies(checksums))
     counts = Counter((entry.class_name, splits[entry.object]) for entry in entries)
     yield f"source: {source.kind}, {'made by Palpate' if source.kind == 'procedural' else source.path}"
     classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
@@ -202,12 +205,11 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
     for name in settings.classes:
         of_splits = [f"{split} {counts[name, split]}" for split in catalogue.SPLITS if counts[name, split]]
         yield f"  {name}: {', '.join(of_splits)}"
-    if several := [entry for entry in entries if entry.others]:
-        others = sum(len(entry.others) for entry in several)
-        yield f"  {others} further files of the same objects are not used:"
-        notes = ["the first is taken"] * len(several)
-        yield from _same_lines([(entry.source, *entry.others) for entry in several], notes, source)
-    yield from _copy_lines(groups, settings, splits, "byte for byte")
+    if same := [(entry.source, *entry.others) for entry in entries if entry.others]:
+        examples = catalogue.listed([" = ".join(files[: NAMED + 1]) for files in same], NAMED)
+        number = sum(map(len, same)) - len(same)
+        yield f"  {number} further files of the same objects are not used, the first is taken: {examples}"
+        yield f"    {_advice(same[0], source)}"
     if config["classes"] == "all" and source.has_class_folders and not source.pattern:
         folders = source.class_folders(Path(source.path))
         without = [each for each in folders if source.class_of(each) not in settings.classes]
@@ -219,50 +221,31 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
         yield f"  {error}"
 
 
-def _same_files(settings: Settings) -> list[list[str]]:
-    """Names of objects with the same files. Only files of one size are read, `COMPARED_BYTES` of them at most."""
-    found, total, checksums = defaultdict(list), 0, {}
+def same_size_checksums(settings: Settings) -> dict[str, str]:
+    """Checksums of objects by name; empty but for files of one size, of which `COMPARED_BYTES` are read at most."""
+    checksums, sizes = dict.fromkeys([entry.object for entry in settings.entries], ""), defaultdict(list)
     for entry in settings.entries if settings.source.kind in LAYOUTS else ():
         path = Path(settings.source.path, entry.source)
         if path.is_file():
-            found[path.stat().st_size].append((entry.object, path))
-    for size, same in sorted(found.items()):
-        total += size * len(same)
-        begin = defaultdict(list)  # most files of one size differ at their beginning
-        for name, path in same if len(same) > 1 and total <= COMPARED_BYTES else ():
-            with open(path, "rb") as file:
-                begin[hash(file.read(named_files.HEAD))].append((name, path))
-        for name, path in (each for same in begin.values() if len(same) > 1 for each in same):
-            checksums[name] = catalogue.checksum(path, settings.source.path)
-    return catalogue.copies(dict(sorted(checksums.items()))) if checksums else []
+            sizes[path.stat().st_size].append((entry.object, path))
+    total = 0
+    for size, same in sorted(sizes.items()):
+        total += size * len(same) * (len(same) > 1)
+        if len(same) > 1 and total <= COMPARED_BYTES:
+            checksums |= {name: catalogue.checksum(path, settings.source.path) for name, path in same}
+    return checksums
 
 
-def _same_lines(groups: Sequence[Sequence[str]], notes: Sequence[str], source: Source) -> Iterator[str]:
-    """Lines on files that show the same, each with its note, and on how to take the first one of a group alone."""
-    for files, note in [*zip(groups, notes, strict=True)][:NAMED]:
-        more = ", ..." if len(files) > NAMED + 1 else ""
-        yield f"    {' = '.join(files[: NAMED + 1])}{more} ({note})"
-    if len(groups) > NAMED:
-        yield f"    and {len(groups) - NAMED} more"
-    first, *others = map(Path, groups[0])
+def _advice(files: Sequence[str], source: Source) -> str:
+    """How to take the first of some files that show the same, and no other."""
+    first, *others = map(Path, files)
     start, last = "{class}/" if source.has_class_folders else "", ""
     if first.suffix not in {each.suffix for each in others}:
         last = f"*{first.suffix}"
     elif first.name not in {each.name for each in others}:
         last = first.name
     advice = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; ' if last else ""
-    yield f"    {advice}a line `{others[0]},yes` of source.objects (path,exclude) leaves a file out"
-
-
-def _copy_lines(
-    groups: Sequence[Sequence[str]], settings: Settings, splits: Mapping[str, str], how: str
-) -> Iterator[str]:
-    """Lines on groups of objects, by name, that are copies, and their split; how: they are the same."""
-    if groups:
-        yield f"  {len(groups)} object{'s are' if len(groups) > 1 else ' is'} there several times, {how}:"
-        files = {entry.object: entry.source for entry in settings.entries}
-        notes = [" and ".join(dict.fromkeys(splits[name] for name in group)) for group in groups]
-        yield from _same_lines([[files[name] for name in group] for group in groups], notes, settings.source)
+    return f"{advice}a line `{others[0]},yes` of source.objects (path,exclude) leaves a file out"
 
 
 def _unlike_lines(settings: Settings) -> Iterator[str]:
@@ -274,19 +257,17 @@ def _unlike_lines(settings: Settings) -> Iterator[str]:
         if not named_files.unusable(path) and path.is_file() and (what := what_it_is(path)):
             found[what].append(file)
     for what, files in found.items():
-        yield f"{len(files)} x {what} ({', '.join(files[:NAMED])}{', ...' if len(files) > NAMED else ''})"
+        yield f"{len(files)} x {what} ({catalogue.listed(files, NAMED)})"
 
 
 class Look(NamedTuple):
     """A mesh file that was opened.
 
-    Attributes: root, the folder of its source; extent, its box from corner to corner in its own unit; faces; missing,
-        what is wrong with files that it names, by their names; shape, as `palpate.mesh.facts` has it; problem, why it
-        can't be used, or empty.
+    Attributes: extent, its box from corner to corner in its own unit; faces; missing, what is wrong with files that it
+        names, by their names; shape, as `palpate.mesh.facts` has it; problem, why it can't be used, or empty.
     """
 
     entry: SourceObject
-    root: Path
     extent: float = 0.0
     faces: int = 0
     missing: Mapping[str, str] = {}
@@ -294,40 +275,40 @@ class Look(NamedTuple):
     problem: str = ""
 
 
-def _opened(settings: Settings, name: str | None, seed: int, scratch: Path) -> Iterator[tuple[SourceObject, Path]]:
-    """The objects whose meshes are opened, and the folders that their sources are in: of each class in turn, and first
-    the one that was asked for. Procedural ones are written into a temporary folder."""
+def _opened(settings: Settings, name: str | None, seed: int, root: Path) -> list[SourceObject]:
+    """The objects whose meshes are opened, of each class in turn, and first the one that was asked for.
+
+    root: of the sources; procedural ones are written into it.
+    """
     by_class = ([each for each in settings.entries if each.class_name == kind] for kind in settings.classes)
     turns = [each for turn in zip_longest(*by_class) for each in turn if each]
     known = [each.object for each in turns]
     if name and name not in known:
-        raise ConfigError(f"no object {name!r} in this run; its objects are {', '.join(known[:10])}, ...")
+        raise ConfigError(f"no object {name!r} in this run; its objects are {catalogue.listed(known)}")
     turns.sort(key=lambda each: each.object != name)
     if settings.source.kind == "procedural":  # all sound, and they have to be made first
         from palpate import shapes
 
-        for each in turns[: max(TRIED, min(len(settings.classes), EXAMPLES))]:
-            (scratch / each.class_name).mkdir(exist_ok=True)
-            shapes.write(each.class_name, int(each.object.rpartition("-")[2]), scratch / each.source, seed)
-            yield each, scratch
-        return
-    root, total = Path(settings.source.path), 0
-    for number, each in enumerate(turns[:MOST_OPENED]):
-        path = root / each.source
-        total += path.stat().st_size if path.is_file() else 0  # a missing file is reported later
-        if not number or total <= MOST_BYTES:
-            yield each, root
+        turns = turns[: max(TRIED, min(len(settings.classes), EXAMPLES))]
+        for each in turns:
+            (root / each.class_name).mkdir(exist_ok=True)
+            shapes.write(each.class_name, int(each.object.rpartition("-")[2]), root / each.source, seed)
+        return turns
+    turns = turns[:MOST_OPENED]
+    files = [root / each.source for each in turns]  # one that is missing is reported later
+    totals = accumulate(path.stat().st_size if path.is_file() else 0 for path in files)
+    return [each for each, total in zip(turns, totals, strict=True) if each is turns[0] or total <= MOST_BYTES]
 
 
 def look(entry: SourceObject, root: Path) -> Look:
-    """Open an object's mesh, in a process of its own."""
+    """Open an object's mesh, in a process of its own. root: of the sources."""
     import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
     from palpate.mesh.isolation import isolated
 
     try:
-        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, root, seconds=SECONDS_A_MESH))
+        return Look(entry, *isolated(_open, root / entry.source, entry.scale, root, seconds=SECONDS_A_MESH))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
-        return Look(entry, root, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
+        return Look(entry, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
 
 
 def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str], list[float]]:
@@ -358,8 +339,10 @@ def _examples(looks: Sequence[Look], name: str | None) -> dict[str, list[Look]]:
     return {class_name: found[class_name][:TRIED] for class_name in list(found)[:EXAMPLES]}
 
 
-def mesh_lines(looks: Sequence[Look], settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:
-    """What opened meshes lack, their sizes with a hint at their unit, those that can't be used, and that look alike."""
+def mesh_lines(
+    looks: Sequence[Look], settings: Settings, config: Mapping[str, Any], checksums: Mapping[str, str]
+) -> Iterator[str]:
+    """What opened meshes lack, their sizes with a hint at their unit, those that can't be used, and copies."""
     from palpate.mesh import LARGEST
 
     sound = [each for each in looks if not each.problem]
@@ -379,15 +362,17 @@ def mesh_lines(looks: Sequence[Look], settings: Settings, config: Mapping[str, A
             yield f"  {each.entry.object} can't be used: {each.problem}"
     if settings.source.kind not in LAYOUTS:
         return
-    shapes = {each.entry.object: each.shape for each in sound}
-    alike = catalogue.copies(dict.fromkeys(shapes, ""), shapes) if shapes else []
-    splits = catalogue.splits_of(settings.entries, config["split"], config["seed"], alike)
-    yield from _copy_lines(alike, settings, splits, "by box and area")
+    groups = catalogue.copies(checksums, {each.entry.object: each.shape for each in sound})
+    splits = catalogue.splits_of(settings.entries, config["split"], config["seed"], groups)
+    if groups:
+        files = {entry.object: entry.source for entry in settings.entries}
+        yield from (f"  {line}" for line in catalogue.copy_lines(groups, checksums, splits))
+        yield f"    {_advice([files[name] for name in groups[0]], settings.source)}"
     if hulls := [each.object for each in settings.entries if catalogue.is_collision(each.source)]:
-        yield f"  {len(hulls)} objects have a collision mesh only, by its name ({', '.join(hulls[:NAMED])})"
+        yield f"  {len(hulls)} objects have a collision mesh only, by its name ({catalogue.listed(hulls, NAMED)})"
 
 
-def sensor_lines(hand: "Hand", touch_sensor: Sensor) -> Iterator[str]:
+def sensor_lines(hand: Hand, touch_sensor: Sensor) -> Iterator[str]:
     """Where each sensor's plane, gel's face and end of range lie, along its x from the surface of its link."""
     for name, surface in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         if not surface:
@@ -403,7 +388,7 @@ def make_example(
     root: Path,
     config: Mapping[str, Any],
     touch_sensor: Sensor,
-    hand: "Hand",
+    hand: Hand,
     scratch: Path,
 ) -> dict[str, np.ndarray]:
     """Take an object through every stage, with one grasp and small images, as the run would, and print what came out.

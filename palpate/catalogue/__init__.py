@@ -3,16 +3,17 @@
 from palpate.lazy import lazy_exports
 
 EXPORTS = {
-    "batches": ["assign_batches", "batch_number", "in_order", "read_places", "resolve_batch_size", "write_places"],
-    "changes": ["mesh_files", "stamps", "state", "write_state"],
+    "batches": ["assign_batches", "batch_number", "in_order", "read_batches", "write_batches"],
+    "changes": ["mesh_files", "source_checksums"],
     "record": ["check_same_run", "write_record"],
     "source": ["UP_AXIS", "CatalogueError", "Source"],
     "sources": [
-        *("LETTERS", "SourceObject", "all_classes", "class_counts", "file_name", "scan", "style_of", "unread_lines"),
+        *("LETTERS", "SourceObject", "all_classes", "class_counts", "file_name"),
+        *("listed", "scan", "style_of", "unread_lines"),
     ],
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
-        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "fill"),
+        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "copy_lines"),
         *("companions", "read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),
     ],
     "variants": ["is_collision"],

@@ -57,45 +57,29 @@ def in_order(entries: Iterable[SourceObject], places: Mapping[str, str]) -> list
     return sorted(entries, key=lambda entry: batch_number(places[entry.object]))
 
 
-def resolve_batch_size(batch_size: int | str, objects: int, folder: Path | str) -> int:
-    """Objects a batch: the config's number, or for `auto` that of the run in a folder, so that its batches stay.
+def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tuple[int, dict[str, str]]:
+    """Objects a batch, and the batch of every object that the run in a folder has had: none if it had another size.
 
-    A new run has `SMALLEST` to `LARGEST`, as many as leave it `FEWEST_BATCHES`; and more, so that it has at most
-    `MOST_BATCHES`.
+    The size is the config's number, or for `auto` that of the run, so that its batches stay. A new run has `SMALLEST`
+    to `LARGEST`, as many as leave it `FEWEST_BATCHES`; and more, so that it has at most `MOST_BATCHES`.
     Raises CatalogueError, naming the file and the remedy, if the run's own is damaged.
     """
-    if batch_size != "auto":
-        return batch_size
-    path = Path(folder, PLACES)
-    if path.exists():
-        return _read(path)[0]
-    return max(SMALLEST, min(objects // FEWEST_BATCHES, LARGEST), -(-objects // MOST_BATCHES))
-
-
-def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
-    """The batch of every object that the run in a folder has had; empty if it has none, or another batch size.
-
-    Raises CatalogueError, naming the file and the remedy, if the file is damaged.
-    """
-    path = Path(folder, PLACES)
-    size, places = _read(path) if path.exists() else (batch_size, {})
-    return places if size == batch_size else {}
-
-
-def _read(path: Path) -> tuple[int, dict[str, str]]:
-    """The batch size, and the batch of every object, as `write_places` wrote them."""
+    path, size, places = Path(folder, PLACES), None, {}
     try:
-        held = read_record(path, REMEDY)
-        return int(held["batch_size"]), {
-            str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()
-        }
+        if path.exists():
+            held = read_record(path, REMEDY)
+            size = int(held["batch_size"])
+            places = {str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()}
     except DamagedFile as error:
         raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CatalogueError(f"{path} is damaged ({type(error).__name__}): {REMEDY}") from None
+    if batch_size == "auto":
+        batch_size = size or max(SMALLEST, min(objects // FEWEST_BATCHES, LARGEST), -(-objects // MOST_BATCHES))
+    return batch_size, places if size == batch_size else {}
 
 
-def write_places(folder: Path | str, batch_size: int, places: Mapping[str, str]) -> None:
+def write_batches(folder: Path | str, batch_size: int, places: Mapping[str, str]) -> None:
     """Write the batch of every object that the run has or had, if what stands there is another."""
     text = json.dumps({"batch_size": batch_size, "objects": dict(places)}, indent=0) + "\n"
     write_if_changed(Path(folder, PLACES), text, checksum=True)

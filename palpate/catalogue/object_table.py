@@ -10,6 +10,7 @@ An empty field specifies nothing. Of several rows the one of the longest path co
 
 import csv
 import os
+import re
 import unicodedata
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
@@ -18,7 +19,16 @@ from palpate.catalogue.split import SPLITS
 from palpate.configuration import ConfigError
 
 COLUMNS = ("path", "class", "split", "up", "scale", "exclude")
-EXCLUDE = {"yes": "yes", "true": "yes", "1": "yes", "x": "yes", "no": "no", "false": "no", "0": "no", "": ""}
+EXCLUDE = {"yes": "yes", "true": "yes", "1": "yes", "x": "yes", "no": "no", "false": "no", "0": "no"}
+VALUES = {  # of a column: a pattern, and how messages say it; scales are those of the config's schema
+    "split": ("|".join(SPLITS), ", ".join(SPLITS)),
+    "up": ("[xyz]", "x, y, z"),
+    "scale": (
+        r"diagonal|keep|(?=[\d.]*[1-9])\d{1,6}(\.\d*)?([eE]-\d\d?)?",
+        "diagonal, keep, metres a unit of the file (0.001)",
+    ),
+    "exclude": ("yes|no", "yes, no"),
+}
 MOST_BYTES = 1 << 28  # of the file: a million rows have less
 
 
@@ -30,10 +40,6 @@ class Given(NamedTuple):
     up: str = ""
     scale: str = ""
     exclude: str = ""
-
-    def over(self, other: "Given") -> "Given":
-        """Field by field this one's, or the other's where this one is empty."""
-        return Given(*(mine or theirs for mine, theirs in zip(self, other, strict=True)))
 
 
 class ObjectTable(dict[str, Given]):
@@ -51,10 +57,9 @@ class ObjectTable(dict[str, Given]):
 
     def of(self, path: str, class_name: str) -> Given:
         """What is specified for a mesh file; class_name: its class if no row gives it another."""
-        given = Given()
-        for place in (path, *map(str, PurePosixPath(path).parents)) if self else ():
-            given = given.over(self.get(place, given))
-        return given._replace(class_name=given.class_name or class_name)
+        places = (path, *map(str, PurePosixPath(path).parents)) if self else ()
+        rows = [self[place] for place in places if place in self]
+        return Given(*(next(filter(None, values), "") for values in zip(*rows, Given(class_name), strict=True)))
 
 
 def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
@@ -95,28 +100,14 @@ def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
         key = _relative(values["path"], Path(root), place)
         if key in table:
             raise ConfigError(f"{place}: there is a line for {key} already: remove one of them")
-        split, up, scale, exclude = (values.get(name, "") for name in COLUMNS[2:])
-        if split not in ("", *SPLITS):
-            raise ConfigError(f"{place}: split {split!r}: expected {', '.join(SPLITS)}, or nothing")
-        if up not in ("", "x", "y", "z"):
-            raise ConfigError(f"{place}: up {up!r}: expected x, y, z, or nothing")
-        if scale not in ("", "diagonal", "keep") and not _is_scale(scale):
-            raise ConfigError(
-                f"{place}: scale {scale!r}: expected diagonal, keep, metres a unit of the file (0.001), or nothing"
-            )
-        if exclude.lower() not in EXCLUDE:
-            raise ConfigError(f"{place}: exclude {exclude!r}: expected yes, no, or nothing")
-        name = unicodedata.normalize("NFC", values.get("class", ""))
-        table[key] = Given(name, split, up, scale, EXCLUDE[exclude.lower()])
+        given = dict.fromkeys(COLUMNS, "") | values
+        given["class"] = unicodedata.normalize("NFC", given["class"])
+        given["exclude"] = EXCLUDE.get(given["exclude"].lower(), given["exclude"])
+        for name, (pattern, expected) in VALUES.items():
+            if given[name] and not re.fullmatch(pattern, given[name]):
+                raise ConfigError(f"{place}: {name} {given[name]!r}: expected {expected}, or nothing")
+        table[key] = Given(*(given[name] for name in COLUMNS[1:]))
     return table
-
-
-def _is_scale(text: str) -> bool:
-    """Whether a text is a number of metres a unit, as the config's schema has it."""
-    try:
-        return text[0].isdigit() and 0 < float(text) <= 1e6
-    except ValueError:
-        return False
 
 
 def _relative(text: str, root: Path, place: str) -> str:

@@ -45,6 +45,11 @@ FORMAT_UP = {".glb": "y", ".gltf": "y"}
 UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
 
 
+def subfolders(folder: Path) -> list[str]:
+    """Names of the folders in a folder that are not hidden, sorted."""
+    return sorted(each.name for each in os.scandir(folder) if each.is_dir() and not each.name.startswith("."))
+
+
 @dataclass(frozen=True)
 class Source:
     """The section `source` of a config.
@@ -76,8 +81,8 @@ class Source:
     def from_config(cls, config: Mapping[str, Any], project: Path | str) -> "Source":
         """The source of a checked config, with absolute paths: relative ones are the project's.
 
-        Procedural objects are made in the run's folder. Keys that a config of an older version lacks have their
-        defaults, and those that only it has do not count. Raises ConfigError as `absolute` does.
+        Procedural objects are made in the run's folder. Keys of version 0.3 that are gone do not count. Raises
+        ConfigError as `absolute` does.
         """
         known = {each.name for each in fields(cls)}
         section = {key: value for key, value in config["source"].items() if key in known}
@@ -98,8 +103,7 @@ class Source:
 
     def class_folders(self, place: Path) -> list[str]:
         """Names of the folders of classes in a folder, sorted."""
-        found = sorted(each.name for each in os.scandir(place) if each.is_dir() and not each.name.startswith("."))
-        return [name for name in found if self.kind != "shapenet" or re.fullmatch(r"\d{8}", name)]
+        return [name for name in subfolders(place) if self.kind != "shapenet" or re.fullmatch(r"\d{8}", name)]
 
     def class_of(self, folder: str) -> str:
         """The class of a folder's name."""

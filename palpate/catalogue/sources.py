@@ -18,7 +18,7 @@ from unicodedata import normalize
 from palpate import shapes
 from palpate.batch import UnusableObject, generator
 from palpate.catalogue.object_table import ObjectTable, read_object_table
-from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source
+from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source, subfolders
 from palpate.catalogue.variants import is_general, of_one_object
 from palpate.configuration import ConfigError
 from palpate.mesh.recognise import UNREAD
@@ -92,7 +92,7 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
         elif table.gives_classes:
             found, place = everything.get(name, []), Path(source.objects)
             if not found:
-                raise CatalogueError(f"{place}: no mesh is of class {name}; there are {_listed(sorted(everything))}")
+                raise CatalogueError(f"{place}: no mesh is of class {name}; there are {listed(sorted(everything))}")
         else:
             found = _candidates(source, name, table)
             own_folder = source.has_class_folders and not source.pattern
@@ -138,7 +138,7 @@ def all_classes(source: Source) -> dict[str, Count]:
             each for each in folders if any(next(_matches(root, _filled(name, each)), None) for name in source.patterns)
         ]
         if empty := [each for each in folders if each not in found]:
-            log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
+            log.warning("%s: no mesh in %s: no classes", root, listed(empty))
         if not found:
             raise CatalogueError(
                 f"{root}: no folder of a class in it: put meshes in {root}/<class>/, or set source.pattern "
@@ -158,7 +158,7 @@ def unread_lines(source: Source) -> list[str]:
         for file in _each_mesh(Path(source.path), UNREAD_SUFFIX):
             found.setdefault(UNREAD[os.path.splitext(file)[1].lower()], []).append(file)
     return [
-        f"{len(files)} {name} file{'s' * (len(files) > 1)} passed over ({_listed(sorted(files), 3)}): {remedy}"
+        f"{len(files)} {name} file{'s' * (len(files) > 1)} passed over ({listed(sorted(files), 3)}): {remedy}"
         for (name, remedy), files in sorted(found.items())
     ]
 
@@ -218,36 +218,24 @@ def _no_mesh(source: Source) -> str:
 def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> list[SourceObject]:
     """The objects of a class, or of all classes, named by their paths, without what users say of them, but for files
     that they exclude."""
-    found: list[SourceObject] = []
-    for pattern in source.patterns:
-        better = {(each.class_name, each.object): place for place, each in enumerate(found)}
-        for each in _of_pattern(source, pattern, class_name):
-            if table.excludes and table.of(each.source, "").exclude == "yes":
-                continue
-            place = better.get((each.class_name, each.object))
-            if place is None:
-                found.append(each)
-            else:
-                found[place] = found[place]._replace(others=(*found[place].others, each.source))
+    entries = _one_of_each(
+        each
+        for pattern in source.patterns
+        for each in _of_pattern(source, pattern, class_name)
+        if table.of(each.source, "").exclude != "yes"
+    )
     if not source.pattern:
-        _warn_of_folders_without(source, class_name, found)
-    found = [each._replace(others=tuple(sorted(each.others))) if each.others else each for each in _one_of_each(found)]
-    return _without_general_names(found) if source.kind == "folder" else found
+        _warn_of_folders_without(source, class_name, entries)
+    return _without_general_names(entries) if source.kind == "folder" else entries
 
 
 def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterator[SourceObject]:
     """The mesh files that a pattern matches; class_name: of this class, or None for those of all."""
     root, steps = Path(source.path), pattern.split("/")
-    if "{class}" not in steps:
-        of_class = {"": class_name or ONE_CLASS}
-    elif class_name is not None:
-        folder = source.folder_of(class_name)
-        folders = _class_folders(source, steps[: steps.index("{class}")], folder, class_name)
-        of_class = dict.fromkeys(folders, class_name)
+    if "{class}" in steps:
+        of_class = _classes_by_folder(source, steps[: steps.index("{class}")], class_name)
     else:
-        above = "".join(f"{step}/" for step in steps[: steps.index("{class}")])
-        places = sorted(glob.glob(above, root_dir=root)) if above else [""]
-        of_class = {folder: source.class_of(folder) for each in places for folder in source.class_folders(root / each)}
+        of_class = {"": class_name or ONE_CLASS}
     for folder, name in sorted(of_class.items()):
         wild = [place for place, step in enumerate(steps) if glob.has_magic(step)] or [0, len(steps) - 1]
         after = len(steps) - 1 - wild[-1]  # fixed steps at the end
@@ -262,21 +250,24 @@ def _filled(pattern: str, folder: str) -> str:
     return pattern.replace("{class}", glob.escape(folder))
 
 
-def _class_folders(source: Source, above: Sequence[str], folder: str, class_name: str) -> list[str]:
-    """The names that a class's folder has: as it is given, or as macOS writes it. Raises CatalogueError for none."""
-    place, forms = Path(source.path, *above), (folder, *(normalize(form, folder) for form in ("NFC", "NFD")))
-    steps = "".join(f"{step}/" for step in above)
-    present = [each for each in dict.fromkeys(forms) if glob.glob(f"{steps}{glob.escape(each)}/", root_dir=source.path)]
-    if present or any(map(glob.has_magic, above)):
-        return present or [folder]
-    if source.kind == "shapenet":
+def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | None) -> dict[str, str]:
+    """The class of each folder that is one's, or of those of one class, whose name macOS may have written otherwise.
+
+    above: the steps of the pattern to these folders. Raises CatalogueError if a class has none.
+    """
+    root = Path(source.path)
+    if class_name is None:
+        places = sorted(glob.glob("/".join([*above, ""]), root_dir=root)) if above else [""]
+        return {folder: source.class_of(folder) for place in places for folder in source.class_folders(root / place)}
+    own, place = source.folder_of(class_name), root.joinpath(*above)
+    forms = dict.fromkeys([own, *(normalize(form, own) for form in ("NFC", "NFD"))])
+    same = [each for each in forms if glob.glob("/".join([*above, glob.escape(each), ""]), root_dir=root)]
+    if not same and not any(map(glob.has_magic, above)):
+        present = listed(source.class_folders(place)) if place.is_dir() else "nothing"
         raise CatalogueError(
-            f"{place / folder}: no such folder: it holds ShapeNet's class {class_name}; unpack it there"
+            f"{place / own}: no such folder: the class {class_name} has its meshes there; {place} has {present}"
         )
-    present = source.class_folders(place) if place.is_dir() else []
-    raise CatalogueError(
-        f"{place / folder}: no such folder: the class {class_name} has its meshes there; {place} has {_listed(present)}"
-    )
+    return dict.fromkeys(same, class_name)
 
 
 def _matches(root: Path, pattern: str) -> Iterator[str]:
@@ -317,56 +308,45 @@ def _returns(top: Path, folder: Path) -> bool:
     return any(os.path.commonpath((each, target)) == target for each in above)
 
 
-def _warn_of_folders_without(source: Source, class_name: str | None, found: Iterable[SourceObject]) -> None:
+def _warn_of_folders_without(source: Source, class_name: str | None, entries: Iterable[SourceObject]) -> None:
     """Name the objects' folders of a published layout in which no mesh is."""
-    pattern, place = source.patterns[0].split("/"), Path(source.path)
-    if "*" in pattern[-1] or (source.has_class_folders and class_name is None):
+    place = Path(source.path)
+    if "*" in source.patterns[0].split("/")[-1] or (source.has_class_folders and class_name is None):
         return
     if source.has_class_folders:
         place /= source.folder_of(class_name)
-    names = {each.object for each in found}
-    if not place.is_dir():
-        return
-    folders = sorted(each.name for each in os.scandir(place) if each.is_dir() and not each.name.startswith("."))
-    if without := [name for name in folders if name not in names]:
-        log.warning("%s: no mesh in %d models: %s", place, len(without), _listed(without))
+    if place.is_dir() and (without := sorted(set(subfolders(place)) - {each.object for each in entries})):
+        log.warning("%s: no mesh in %d models: %s", place, len(without), listed(without))
 
 
-def _one_of_each(found: list[SourceObject]) -> Iterator[SourceObject]:
+def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
     """One entry for all files that show one object (`palpate.catalogue.variants`): of the best, by `PREFERENCE`, one.
 
-    Files of patterns that end with a file's name are objects of their own.
+    Of a layout's patterns that end with a file's name, the first that matches counts.
     """
-    classes: dict[str, list[SourceObject]] = {}
-    for each in found:
-        if MESH_SUFFIX.sub("", each.source).endswith(each.object):
-            classes.setdefault(each.class_name, []).append(each)
-        else:
-            yield each
-    for entries in classes.values():
-        entries = sorted(entries, key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
-        for best, *others in of_one_object([each.object for each in entries]):
-            entry, others = entries[best], (entries[each].source for each in others)
-            yield entry._replace(others=(*entry.others, *others))
+    groups: dict[tuple[str, ...], list[SourceObject]] = {}
+    for each in entries:
+        is_named_by_file = MESH_SUFFIX.sub("", each.source).endswith(each.object)
+        groups.setdefault((each.class_name, *([] if is_named_by_file else [each.object])), []).append(each)
+    chosen = []
+    for (_, *name), group in groups.items():
+        objects = [range(len(group))]
+        if not name:
+            group.sort(key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
+            objects = of_one_object([each.object for each in group])
+        for best, *others in objects:
+            chosen.append(group[best]._replace(others=tuple(sorted(group[each].source for each in others))))
+    return chosen
 
 
-def _without_general_names(found: list[SourceObject]) -> list[SourceObject]:
+def _without_general_names(entries: Iterable[SourceObject]) -> list[SourceObject]:
     """The entries, named by their folders where a file's name says nothing: `003_can/textured`, alone there."""
-    taken = {(each.class_name, each.object) for each in found}
-    inside: Counter[tuple[str, str]] = Counter()
-    for each in found:
-        above = each.object
-        while above := above.rpartition("/")[0]:
-            inside[each.class_name, above] += 1
-    renamed = []
-    for each in found:
-        name = each.object
-        above, _, last = name.rpartition("/")
-        while above and inside[each.class_name, above] == 1 and is_general(last):
-            name = above
-            above, _, last = name.rpartition("/")
-        renamed.append(each if (each.class_name, name) in taken else each._replace(object=name))
-    return renamed
+    steps = [(each, [each.class_name, *each.object.split("/")]) for each in entries]
+    below = Counter(tuple(path[:end]) for _, path in steps for end in range(2, len(path) + 1))
+    for _, path in steps:
+        while len(path) > 2 and is_general(path[-1]) and below[tuple(path[:-1])] == 1:
+            path.pop()
+    return [each._replace(object="/".join(path[1:])) for each, path in steps]
 
 
 def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:
@@ -426,7 +406,7 @@ def _released(source: Source, name: str) -> list[SourceObject]:
     found = [each for each in objects if each.class_name == name]
     if not found:
         present = dict.fromkeys(each.class_name for each in objects)
-        raise CatalogueError(f"{source.path}: no object of class {name}; it has {_listed(present)}")
+        raise CatalogueError(f"{source.path}: no object of class {name}; it has {listed(present)}")
     return [SourceObject(_object(name, each.name), name, each.source, split=each.split) for each in found]
 
 
@@ -439,32 +419,29 @@ def _released_objects(source: Source) -> list[ReleasedObject]:
 
 @cache
 def file_name(class_name: str) -> str:
-    """A class's name as a part of file names: spaces are `_`; where other characters have to go, a hash follows."""
-    spaced = normalize("NFC", class_name).replace(" ", "_")
-    safe = re.sub(rf"[^{LETTERS}.-]", "_", spaced)
+    """A class's name as a part of file names: spaces are `_`, and then as `_safe`."""
+    return _safe(normalize("NFC", class_name).replace(" ", "_"), class_name)
+
+
+def _object(class_name: str, path: str) -> str:
+    """The object's name: class and path, folders joined by '-'; what repeats the part before it is left out."""
+    path = normalize("NFC", path)
+    parts = [class_name, *path.split("/")]
+    kept = [part for before, part in zip(parts, parts[1:], strict=False) if part != before]
+    return _safe("-".join([file_name(class_name), *kept]), path)
+
+
+def _safe(text: str, origin: str) -> str:
+    """A text as a file's name. Other characters than letters, digits, `_`, `.` and `-` are `_`, and what is too long is
+    cut off. A hash of its origin follows then, so that different files keep different names."""
+    safe = re.sub(rf"[^{LETTERS}.-]", "_", text)
     if len(safe.encode()) > LONGEST_NAME:
-        safe, spaced = safe.encode()[: LONGEST_NAME - 9].decode(errors="ignore"), ""
-    return safe if safe == spaced else f"{safe}-{_hash(class_name)}"
+        safe = safe.encode()[: LONGEST_NAME - 9].decode(errors="ignore")
+    return safe if safe == text else f"{safe}-{_hash(origin)}"
 
 
 def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
-
-
-def _object(class_name: str, path: str) -> str:
-    """The object's name: class and path, folders joined by '-'; what repeats the part before it is left out.
-
-    A path that has other characters than letters, digits, `_`, `.` and `-` loses them and gets a hash of itself
-    instead, so that different files keep different names. So does one that is too long for a file's name.
-    """
-    path = normalize("NFC", path)
-    parts = [class_name, *path.split("/")]
-    joined = "-".join(part for before, part in zip(parts, parts[1:], strict=False) if part != before)
-    safe = re.sub(rf"[^{LETTERS}.-]", "_", joined)
-    name = f"{file_name(class_name)}-{safe}" if safe else file_name(class_name)
-    if len(name.encode()) > LONGEST_NAME:
-        return f"{name.encode()[: LONGEST_NAME - 9].decode(errors='ignore')}-{_hash(path)}"
-    return name if safe == joined else f"{name}-{_hash(path)}"
 
 
 def _distinct(entries: list[SourceObject]) -> list[SourceObject]:
@@ -500,6 +477,7 @@ def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) 
     return sorted(entries)
 
 
-def _listed(names: Iterable[str], most: int = 10) -> str:
+def listed(names: Iterable[str], most: int = 10) -> str:
+    """The first few of some names, as messages have them."""
     names = list(names)
     return (", ".join(names[:most]) or "nothing") + (", ..." if len(names) > most else "")

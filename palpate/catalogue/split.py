@@ -32,15 +32,13 @@ def held_out_styles(class_name: str, styles: Iterable[str], ratios: Mapping[str,
     return set(ordered[: min(max(round(rest * len(ordered)), rest > 0), len(ordered) - 1)])
 
 
-def suggest_split(object_names: Iterable[str], few: bool = False) -> dict[str, int] | None:
+def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
     """Ratios near the paper's, as whole numbers, that put at least one of the objects in each split.
 
-    With fewer objects than splits None, or, with `few`, one object in each of the first splits.
+    Of fewer objects than splits, one is in each of the first splits. None for names whose hashes are too close.
     """
     fractions = sorted(_fraction(name, SALT) for name in object_names)
     count, cuts, reached = len(fractions), [], 0.0
-    if count < len(SPLITS) and not few:
-        return None
     splits, total = SPLITS[:count], sum(PAPER_SPLIT.values())
     for position, split in enumerate(splits[:-1]):
         reached += PAPER_SPLIT[split] / total

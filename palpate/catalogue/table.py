@@ -4,14 +4,14 @@ import csv
 import hashlib
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate import named_files, provenance, shapes
 from palpate.atomic import atomic_write
 from palpate.catalogue.source import CatalogueError
-from palpate.catalogue.sources import SourceObject, style_of
+from palpate.catalogue.sources import SourceObject, listed, style_of
 from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
 from palpate.checksums import DamagedFile, read_rows, size_and_sha256
 from palpate.rebuild_command import rebuild_advice, rebuild_command, run_folder
@@ -19,15 +19,16 @@ from palpate.released import layout
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others", "turn", "style")
 OTHERS = "; "
+NAMED = 3  # groups of copies that a line names
 ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look like copies
 
 
 class CatalogueEntry(NamedTuple):
-    """One object's row of `catalogue.csv`; the fields are `COLUMNS`, in their order.
+    """One object's row of `catalogue.csv`; the fields are `COLUMNS`, in their order. A table may lack the later ones.
 
     source: its mesh file, relative to the source's path. checksum: see `checksum`. up, scale: how the file is taken, as
-    text; an older table has neither, and its objects have one size. others: further files of the object that are not
-    used, separated by `OTHERS`. turn: degrees about the vertical, as text, empty for none. style: of procedural ones.
+    text. others: further files of the object that are not used, separated by `OTHERS`. turn: degrees about the
+    vertical, as text, empty for none. style: of procedural ones.
     """
 
     object: str
@@ -44,12 +45,12 @@ class CatalogueEntry(NamedTuple):
 
     @property
     def normalised(self) -> bool:
-        """Whether the object was scaled to the one size of all."""
+        """Whether the object was scaled to the one size of all, which is the default."""
         return self.scale in ("", "diagonal")
 
 
-def _no_run(path: Path) -> str:
-    """Why a missing table is none that could be built: it would not be in a run's own folder. Empty if it would."""
+def _why_missing(path: Path) -> str:
+    """The message about a table that does not exist: how to build it, or the runs that there are."""
     folder, run = path.parent, run_folder(path)
     if folder.exists() and not folder.is_dir():
         return f"{folder} is a file: name a run's folder"
@@ -57,7 +58,12 @@ def _no_run(path: Path) -> str:
         return f"{folder} is no run itself, but within the run {run}: name that"
     if folder.is_dir() and not any(folder.iterdir()):
         return f"{path} does not exist, and {folder} is empty: name a run's folder"
-    return ""
+    place = folder if folder.is_dir() else folder.parent
+    runs = sorted(catalogue.parent.name for catalogue in place.glob("*/catalogue.csv"))
+    if folder.is_dir() and not runs:
+        return f"{path} does not exist; name a run's folder, or build it with: {rebuild_command(path)}"
+    known = f"runs in {place} are {', '.join(runs)}" if runs else f"there is no run in {place}"
+    return f"{folder}: {'no run itself' if folder.is_dir() else 'no such run'}: {known}"
 
 
 def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
@@ -67,17 +73,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     rows, or lacks a value of object, class or batch.
     """
     if not Path(path).is_file():
-        if problem := _no_run(Path(path)):
-            raise CatalogueError(problem)
-        folder = Path(path).parent
-        place = folder if folder.is_dir() else folder.parent
-        runs = sorted(catalogue.parent.name for catalogue in place.glob("*/catalogue.csv"))
-        if folder.is_dir() and not runs:
-            raise CatalogueError(
-                f"{path} does not exist; name a run's folder, or build it with: {rebuild_command(path)}"
-            )
-        known = f"runs in {place} are {', '.join(runs)}" if runs else f"there is no run in {place}"
-        raise CatalogueError(f"{folder}: {'no run itself' if folder.is_dir() else 'no such run'}: {known}")
+        raise CatalogueError(_why_missing(Path(path)))
     again = rebuild_advice(path)
     try:
         rows = read_rows(path, COLUMNS[:4], again)
@@ -114,31 +110,23 @@ def splits_of(
     copies (`copies`): they are in the split that one of them is given, or else in that of the first; several that are
     given stay. Raises CatalogueError for objects without a style.
     """
-    every, held_out = {each.object: each for each in entries}, ratios.get("held_out")
-    first = {name: group[0] for group in groups for name in group}
-    given = {first.get(each.object, each.object): each.split for each in reversed(every.values()) if each.split}
-    entries = [
-        each._replace(split=given.get(name, "")) for name, each in every.items() if first.get(name, name) == name
-    ]
-    splits = _splits_of(entries, ratios, seed, held_out)
-    return {name: each.split or splits[first.get(name, name)] for name, each in every.items()}
-
-
-def _splits_of(
-    entries: Sequence[SourceObject | CatalogueEntry], ratios: Mapping[str, Any], seed: int, held_out: str | None
-) -> dict[str, str]:
-    ratios = {split: ratios[split] for split in SPLITS}
-    if held_out == "styles":
-        names = dict.fromkeys(entry.class_name for entry in entries)
-        styles = {entry.object: style_of(entry, seed) for entry in entries}
-        unseen = {name: held_out_styles(name, shapes.styles(name), ratios) for name in names}
-        shares = {"train": 1}, {**ratios, "train": 0}
-        return {
-            entry.object: assign_split(entry.object, shares[styles[entry.object] in unseen[entry.class_name]])
-            for entry in entries
+    entries, shares = {each.object: each for each in entries}, {split: ratios[split] for split in SPLITS}
+    first = {name: name for name in entries} | {name: group[0] for group in groups for name in group}
+    splits = {first[name]: each.split for name, each in reversed(entries.items()) if each.split}
+    names = [name for name in entries if first[name] == name and name not in splits]
+    if ratios.get("held_out") == "styles":
+        styles = {name: style_of(entries[name], seed) for name in names}
+        of_class = {name: entries[name].class_name for name in names}
+        unseen = {each: held_out_styles(each, shapes.styles(each), shares) for each in set(of_class.values())}
+        seen, rest = {"train": 1}, {**shares, "train": 0}
+        splits |= {
+            name: assign_split(name, rest if style in unseen[of_class[name]] else seen)
+            for name, style in styles.items()
         }
-    ratios = fill(ratios, [each.object for each in entries if not each.split], {each.split for each in entries} - {""})
-    return {entry.object: entry.split or assign_split(entry.object, ratios) for entry in entries}
+    else:
+        filled = fill(shares, names, set(splits.values()))
+        splits |= {name: assign_split(name, filled) for name in names}
+    return {name: each.split or splits[first[name]] for name, each in entries.items()}
 
 
 def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[str] = ()) -> Mapping[str, float]:
@@ -150,7 +138,7 @@ def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[st
     filled = {assign_split(each, ratios) for each in names}
     if not names or min(ratios.values()) <= 0 or len(filled) > 2 or (given and "train" in filled | set(given)):
         return ratios
-    return {"train": 1} if given else suggest_split(names, few=True)
+    return {"train": 1} if given else suggest_split(names)
 
 
 def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
@@ -179,6 +167,25 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
     return [group for group in groups.values() if len(group) > 1]
 
 
+def copy_lines(
+    groups: Iterable[Sequence[str]], checksums: Mapping[str, str], splits: Mapping[str, str]
+) -> Iterator[str]:
+    """Lines on objects that are there several times, in one split or in several: the first groups by name.
+
+    groups: of `copies`. checksums, splits: of each object.
+    """
+    together: dict[str, list[str]] = {"in one split": [], "IN DIFFERENT SPLITS": []}
+    for group in groups:
+        place = "in one split" if len({splits[name] for name in group}) == 1 else "IN DIFFERENT SPLITS"
+        sign = " = " if len({checksums[name] or name for name in group}) == 1 else " ~ "
+        together[place].append(sign.join(group[: NAMED + 1]))
+    for place, names in together.items():
+        if names:
+            verb = "object is" if len(names) == 1 else "objects are"
+            signs = "(= the same files, ~ the same shape)"
+            yield f"{len(names)} {verb} there several times, {place} {signs}: {listed(names, NAMED)}"
+
+
 def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
     """Raise CatalogueError if a split that is needed has none of the objects.
 
@@ -193,31 +200,26 @@ def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by
         f"no object of this run is in the {' or '.join(empty)} split, which {what} needs "
         f"({', '.join(f'{split} {counts[split]}' for split in SPLITS)}): "
     )
-    better = suggest_split(splits) if by_name else None
-    if better:
+    if by_name and len(splits) >= len(SPLITS) and (better := suggest_split(splits)):
         text = ", ".join(f"{split}: {share}" for split, share in better.items())
         raise CatalogueError(f"{message}set `split: {{{text}}}` in the config, or add objects (`classes`)")
     raise CatalogueError(f"{message}add objects (`classes`), or put some into it where the splits are given")
 
 
 def build(
-    root: Path | str,
-    entries: Iterable[SourceObject],
-    splits: Mapping[str, str],
-    batches: Mapping[str, str],
-    seed: int | None = None,
+    root: Path | str, entries: Iterable[SourceObject], batches: Mapping[str, str], seed: int | None = None
 ) -> list[CatalogueEntry]:
     """The rows of some objects, in their order.
 
-    root: the source's path, from which `source` is, so that the table is the same on every machine. splits, batches:
-    of each object by name. seed: of procedural objects, which have styles. Raises
-    `CatalogueError` if a mesh file does not exist (procedural objects must have been written).
+    root: the source's path, from which `source` is, so that the table is the same on every machine. batches: of each
+    object by name. seed: of procedural objects, which have styles. Raises `CatalogueError` if a mesh file does not
+    exist (procedural objects must have been written).
     """
     return [
         CatalogueEntry(
             entry.object,
             entry.class_name,
-            splits[entry.object],
+            entry.split,
             batches[entry.object],
             entry.source,
             checksum(Path(root, entry.source), root),
@@ -274,7 +276,7 @@ def require_unchanged(path: Path, before: str, files: Path | str | None = None) 
 
 
 def sources_of(entries: Sequence[CatalogueEntry]) -> str:
-    """Digest of a batch's source files; empty if the catalogue, an older one, does not state checksums."""
+    """Digest of a batch's source files; empty if the catalogue does not state checksums."""
     if not any(entry.checksum for entry in entries):
         return ""
     return provenance.sources_digest((each.object, each.checksum, each.up, each.scale, each.turn) for each in entries)

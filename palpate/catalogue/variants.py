@@ -20,21 +20,20 @@ WORDS = {
     COLLISION: "collisions? collider coll? convex hulls? v.?hacd coacd decomp(osed|osition)? phys(ics)?",
 }
 # These tell objects apart, too (a low table, the hull of a boat): they count beside a file without them only.
-AMBIGUOUS = re.compile(r"models?|mesh(es)?|object|scan|full|raw|high|low|simple|convex|hulls?|col|vis|res|poly")
+AMBIGUOUS = re.compile(r"models?|mesh(es)?|object|scan|full|raw|high|low|simple|convex|hulls?|col|vis|res|poly", re.I)
 _WORD = "|".join(f"(?P<w{rank}>{'|'.join(words.split())})" for rank, words in WORDS.items())
 _LAST = re.compile(rf"(?:^|[-_. ]+|(?<=[a-z])(?=[A-Z]))(?i:{_WORD})(?P<number>[-_. ]*\d+)?$")
 _FIRST = re.compile(r"^(?i:(?P<w0>textured|visual)|(?P<w3>collision|v.?hacd|coacd))[-_. ]+(?=.)")
 
 
 class Variant(NamedTuple):
-    """What a path says. object: its folders and stem without such words; the stem is empty if there is nothing else.
+    """What a path says. object: its folders and stem without `WORDS`; the stem is empty if there is nothing else.
 
-    rank: of `WORDS`. plain: it has no such words. sure: it has one that tells no objects apart.
+    rank: of `WORDS`. sure: it has none of them, or one that is not `AMBIGUOUS`.
     """
 
     object: tuple[str, ...]
     rank: int
-    plain: bool
     sure: bool
 
 
@@ -48,21 +47,20 @@ def variant(path: str) -> Variant:
         if rest or {VISUAL, COLLISION}.isdisjoint(of_folder):
             kept.append(folder)
         else:
-            ranks, sure = [*ranks, *of_folder], True
-    worst, best = max(ranks, default=WHOLE), min(ranks, default=WHOLE)
+            ranks, sure = ranks + of_folder, True
+    worst = max(ranks, default=WHOLE)
     stem = "" if kept and stem == kept[-1] else stem
-    return Variant((*kept, stem), worst if worst > WHOLE else best, not ranks, sure)
+    return Variant((*kept, stem), worst if worst > WHOLE else min(ranks, default=WHOLE), sure or not ranks)
 
 
 def _strip(stem: str) -> tuple[str, list[int], bool]:
-    """A stem without `WORDS`, the ranks of these, and whether one of them tells no objects apart."""
+    """A stem without `WORDS`, the ranks of these, and whether one of them is not `AMBIGUOUS`."""
     ranks, sure = [], False
     while match := _LAST.search(stem) or _FIRST.search(stem):
-        words = match.groupdict()
-        rank = next(rank for rank in WORDS if words.get(f"w{rank}"))
-        if words.get("number") and rank != COLLISION:
+        (rank, word) = next((rank, match[f"w{rank}"]) for rank in WORDS if match.groupdict().get(f"w{rank}"))
+        if match.groupdict().get("number") and rank != COLLISION:
             break  # mesh_1 and mesh_2 are two objects; hulls are numbered
-        sure |= not AMBIGUOUS.fullmatch(words[f"w{rank}"].lower())
+        sure |= not AMBIGUOUS.fullmatch(word)
         ranks.append(rank)
         stem = stem[: match.start()] + stem[match.end() :]
     return stem, ranks, sure
@@ -80,21 +78,16 @@ def is_collision(path: str) -> bool:
 
 def of_one_object(paths: Sequence[str]) -> Iterable[list[int]]:
     """Positions of the paths, without suffixes, of each object, the best of `WORDS` first."""
-    found = [variant(path) for path in paths]
-    groups: dict[tuple[str, ...], list[int]] = defaultdict(list)
-    for position, each in enumerate(found):
-        groups[each.object].append(position)
-    for key, group in list(groups.items()):
-        if key[-1] and not any(found[each].plain or found[each].sure for each in group):
-            for each in groups.pop(key):
-                groups[tuple(paths[each].split("/"))].append(each)
-    in_folder = defaultdict(list)
-    for key in groups:
-        in_folder[key[:-1]].append(key)
+    variants = [variant(path) for path in paths]
+    sure = {each.object for each in variants if each.sure}
+    groups, in_folder = defaultdict(list), defaultdict(set)
+    for position, (key, _, _) in enumerate(variants):
+        key = key if key in sure or not key[-1] else tuple(paths[position].split("/"))
+        groups[key].append(position)
+        in_folder[key[:-1]].add(key)
     for folder, keys in in_folder.items():  # hulls that are named for nothing, beside one object
-        hulls = groups.get((*folder, ""), ())
-        are_hulls = all(found[each].rank == COLLISION for each in hulls)
-        if len(keys) == 2 and are_hulls and any(found[each].sure for each in hulls):
-            (other,) = (key for key in keys if key[-1])
-            groups[other] += groups.pop((*folder, ""))
-    return (sorted(group, key=lambda each: found[each].rank) for group in groups.values())
+        hulls = (*folder, "")
+        if hulls in sure and len(keys) == 2 and all(variants[each].rank == COLLISION for each in groups[hulls]):
+            (other,) = keys - {hulls}
+            groups[other] += groups.pop(hulls)
+    return (sorted(group, key=lambda each: variants[each].rank) for group in groups.values())

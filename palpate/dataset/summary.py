@@ -4,11 +4,11 @@ import contextlib
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from palpate.catalogue import SPLITS, CatalogueError, Source, assign_split, copies, unread_lines
+from palpate.catalogue import SPLITS, CatalogueError, Source, assign_split, copies, copy_lines, listed, unread_lines
 from palpate.configuration import ConfigError
 from palpate.dataset.reader import Dataset
 from palpate.dataset.run import Run
@@ -47,20 +47,17 @@ def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
     entries = run.catalogue
     facts = {name: each for batch in run.batches for name, each in _facts(run.folder / "meshes" / batch).items()}
     facts = {name: each for name, each in facts.items() if name in entries and name not in rejected}
-    yield from _line("without a texture that its file names", "without textures that their files name", [
+    if lacking := [
         f"{name} ({', '.join(f'{file[-60:]}: {problem}' for file, problem in each['problems'].items())})"
-        for name, each in facts.items() if each["problems"]
-    ])  # fmt: skip
+        for name, each in facts.items()
+        if each["problems"]
+    ]:
+        plural = "s" * (len(lacking) > 1)
+        yield f"{len(lacking)} object{plural} without a texture that the file names: {listed(lacking, MOST_REASONS)}"
     checksums = {name: entry.checksum for name, entry in entries.items()}
+    splits = {name: entry.split for name, entry in entries.items()}
     groups = copies(checksums, {name: each["shape"] for name, each in facts.items()})
-    together: dict[str, list[str]] = {"in one split": [], "IN DIFFERENT SPLITS": []}
-    for group in groups:
-        same = len({checksums[name] or name for name in group}) == 1
-        place = [*together][len({entries[name].split for name in group}) > 1]
-        together[place].append((" = " if same else " ~ ").join(group[: MOST_REASONS + 1]))
-    for place, names in together.items():
-        what = f"there several times, {place} (= the same files, ~ the same shape)"
-        yield from _line(f"is {what}", f"are {what}", names)
+    yield from copy_lines(groups, checksums, splits)
     ratios = run.config.get("split")
     by_name = ratios and ratios.get("held_out") != "styles"
     if by_name and {assign_split(name, ratios) for name in entries} < {entry.split for entry in entries.values()}:
@@ -75,13 +72,6 @@ def _facts(batch: Path) -> dict[str, dict[str, Any]]:
         return json.loads(batch.with_name(batch.name + FACTS).read_text())
     except (OSError, ValueError):  # not made yet, or damaged
         return {}
-
-
-def _line(one: str, several: str, found: Iterable[str]) -> list[str]:
-    found = list(found)
-    more = ", ..." if len(found) > MOST_REASONS else ""
-    start = f"1 object {one}" if len(found) == 1 else f"{len(found)} objects {several}"
-    return [f"{start}: {', '.join(found[:MOST_REASONS])}{more}"] if found else []
 
 
 def kind_of_reason(reason: str) -> str:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.catalogue import CatalogueError, Source, assign_batches, read_places, resolve_batch_size, write_places
+from palpate.catalogue import CatalogueError, Source, assign_batches, read_batches, write_batches
 from tests.catalogue.whole import whole_catalogue
 
 names = st.lists(st.text("abcdef", min_size=1, max_size=4), max_size=30, unique=True)
@@ -44,25 +44,25 @@ def test_of_ten_thousand_objects_one_more_or_one_less_changes_one_batch():
 
 
 def test_places_are_kept_in_the_runs_folder(tmp_path):
-    assert read_places(tmp_path, 2) == {}
+    assert read_batches(tmp_path, 2, 3) == (2, {})
     places = assign_batches(["a", "b", "c"], 2)
-    write_places(tmp_path, 2, places)
-    assert read_places(tmp_path, 2) == places
-    assert read_places(tmp_path, 3) == {}  # formed anew
+    write_batches(tmp_path, 2, places)
+    assert read_batches(tmp_path, 2, 3) == (2, places)
+    assert read_batches(tmp_path, 3, 3) == (3, {})  # formed anew
     (tmp_path / "batches.json").write_text("[]")
     with pytest.raises(CatalogueError, match="batches.json has changed .*; remove it"):
-        read_places(tmp_path, 2)
+        read_batches(tmp_path, 2, 3)
 
 
 @pytest.mark.parametrize(
     ("objects", "size"), [(3, 16), (271, 16), (272, 17), (512, 32), (20_000, 32), (20_001, 33), (100_000, 160)]
 )
 def test_large_runs_have_larger_batches_and_a_run_keeps_its_own(tmp_path, objects, size):
-    assert resolve_batch_size("auto", objects, tmp_path) == size
+    assert read_batches(tmp_path, "auto", objects) == (size, {})
     assert -(-objects // size) <= 625
-    assert resolve_batch_size(5, objects, tmp_path) == 5
-    write_places(tmp_path, size, assign_batches(map(str, range(objects)), size))
-    assert resolve_batch_size("auto", 10 * objects, tmp_path) == size
+    assert read_batches(tmp_path, 5, objects) == (5, {})
+    write_batches(tmp_path, size, assign_batches(map(str, range(objects)), size))
+    assert read_batches(tmp_path, "auto", 10 * objects)[0] == size
 
 
 def test_rows_of_a_catalogue_are_batch_by_batch(tmp_path):

@@ -91,9 +91,8 @@ def test_validation_names_a_source_that_has_changed_and_the_command(source):
     """By its checksum, also if it is as large and as old as before; a run whose sources are not there has none."""
     run = source.path.parent / "run"
     run.mkdir()
-    entries = scan(source, {"mug": 4})
-    names = [entry.object for entry in entries]
-    rows = build(source.path, entries, dict.fromkeys(names, "train"), dict.fromkeys(names, "batch-0000"))
+    entries = [entry._replace(split="train") for entry in scan(source, {"mug": 4})]
+    rows = build(source.path, entries, {entry.object: "batch-0000" for entry in entries})
     write_catalogue(run / "catalogue.csv", rows)
     (run / "config.yaml").write_text(json.dumps({"source": {"path": str(source.path)}}))
     assert combine_validation([], run, Run(run).sources).passed.all()

@@ -10,5 +10,7 @@ def whole_catalogue(source, classes, ratios=PAPER_SPLIT, batches=16):
     entries = scan(source, classes)
     if isinstance(batches, int):
         batches = assign_batches([entry.object for entry in entries], batches)
-    rows = build(source.path, in_order(entries, batches), splits_of(entries, ratios), batches)
+    splits = splits_of(entries, ratios)
+    entries = [entry._replace(split=splits[entry.object]) for entry in entries]
+    rows = build(source.path, in_order(entries, batches), batches)
     return pd.DataFrame(rows, columns=CatalogueEntry._fields).set_axis(COLUMNS, axis=1)

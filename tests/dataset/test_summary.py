@@ -62,7 +62,7 @@ def test_a_missing_texture_is_said_by_the_objects_name(tmp_path):
         "mug-gone": {"problems": {"x.png": "there is no such file"}, "shape": [0.6, 0.5, 0.5, 1]},
     }
     assert run_of(tmp_path, objects, facts) == [
-        "1 object without a texture that its file names: mug-b (drill.png: there is no such file)"
+        "1 object without a texture that the file names: mug-b (drill.png: there is no such file)"
     ]
 
 

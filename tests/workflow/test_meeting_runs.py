@@ -159,7 +159,7 @@ def test_the_end_of_a_run_is_a_summary_and_its_output_is_quiet(make_workflow, tm
     assert result.returncode != 0
     log = workflow.run / "logs/surface/batch-0001.log"
     assert f"failed: surface surface/batch-0001.zarr: {workflow.run}: the disk is full: free some space" in said
-    assert f"(log: {log})" in said and "5 jobs done, 1 failed, in " in said
+    assert f"(log: {log})" in said and "7 jobs done, 1 failed, in " in said
     for page in ("jobid:", "resources:", "Traceback", "RuleException", "wildcards:"):
         assert page not in said, said
     assert "No space left on device" in log.read_text() and "Traceback" in log.read_text()

@@ -166,7 +166,7 @@ def test_a_change_to_a_file_that_a_mesh_names_runs_its_batch_again(make_workflow
     }.items():
         content = changed.read_bytes()
         changed.write_bytes(content + b"\n")
-        _, catalogue_batch, meshes = jobs = sorted(workflow.jobs(*targets))
+        _, catalogue_batch, meshes = jobs = sorted(job for job in workflow.jobs(*targets) if job.outputs)
         assert [job.rule for job in jobs] == ["catalogue", "catalogue_batch", "meshes"]
         assert "Params have changed" in catalogue_batch.reason
         assert f"Input files updated by another job: {catalogue_batch.outputs[0]}" in meshes.reason

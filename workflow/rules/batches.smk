@@ -15,9 +15,9 @@ def take_folder():
     try:
         lock.hold(RUN_FOLDER, logger.warning)
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)  # again: a run may have begun in the meantime
-        if catalogue.read_places(RUN_FOLDER, BATCH_SIZE) != KNOWN_PLACES:
+        if catalogue.read_batches(RUN_FOLDER, BATCH_SIZE, len(ENTRIES))[1] != KNOWN_PLACES:
             stop(f"{RUN_FOLDER}: another run has added objects since this one was started: start it again")
-        catalogue.write_places(RUN_FOLDER, BATCH_SIZE, PLACES)
+        catalogue.write_batches(RUN_FOLDER, BATCH_SIZE, PLACES)
         catalogue.write_record(RUN_FOLDER, config)
         atomic.sweep(RUN_FOLDER, WHOLE_OUTPUT)
     except (lock.FolderInUse, catalogue.CatalogueError) as error:
@@ -52,10 +52,11 @@ def batch_sources(batch):
 
 
 @cache
-def source_state(batch):
-    """What tells whether the files of a batch have changed: their times do not count, so that an older file is seen."""
-    is_made = SOURCE.kind == "procedural"
-    return "" if is_made else catalogue.state(RUN_FOLDER, batch, mesh_files(batch), SOURCE.path)
+def source_checksums(batch):
+    """Checksums of a batch's objects, which tell whether files have changed; procedural ones are made in the run."""
+    if SOURCE.kind == "procedural":
+        return {}
+    return catalogue.source_checksums(Path(RUN_FOLDER, f"catalogue/.{batch}.json"), mesh_files(batch), SOURCE.path)
 
 
 @cache

@@ -39,7 +39,7 @@ rule catalogue_batch:
             each._replace(split="") if each.split else each for each in batch_entries(wildcards.batch)
         ],
         seed=config["seed"] if SOURCE.kind == "procedural" else None,
-        state=lambda wildcards: source_state(wildcards.batch),
+        checksums=lambda wildcards: source_checksums(wildcards.batch),
     script:
         "../scripts/catalogue_batch.py"
 

@@ -10,7 +10,7 @@ from snakemake.logging import logger
 
 from palpate import catalogue, sensor, stages
 from palpate.check import FILES, checked, resolve
-from palpate.configuration import ConfigError, absolute, check, parse_texts, read_yaml, typed, whole_numbers
+from palpate.configuration import ConfigError, check, parse_texts, read_yaml, typed, whole_numbers
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CLASS_FILE = rf"\w[{catalogue.LETTERS}.-]*"  # a class in a file's name: `catalogue.file_name`
@@ -35,13 +35,10 @@ try:
     check(config, SCHEMAS / "config.schema.yaml", FILES)
     config.update(whole_numbers(config))
     config["training"]["override"] = typed(config["training"]["override"])
-    RUN_FOLDER = str(Path(absolute(config["results"], PROJECT), config["run"]))
-    catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
-    SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR, EXPERIMENTS, RECIPE = resolve(config, PROJECT)
+    settings = resolve(config, PROJECT)
+    RUN_FOLDER, SOURCE, CLASS_COUNTS, ENTRIES, BATCH_SIZE, KNOWN_PLACES, HAND, SENSOR, EXPERIMENTS, RECIPE = settings
     background = sensor.read(sensor.sensor_file(config["touch"]["sensor"], PROJECT)).get("background")
     SENSOR_BACKGROUND = local(background) if background else []
-    BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)
-    KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, BATCH_SIZE)
     HAND_FILES = []  # what the model file of an own hand names: meshes, textures, included models
     if HAND:
         from palpate import grasp, hand  # loads MuJoCo
