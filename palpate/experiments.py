@@ -10,18 +10,17 @@ from palpate.configuration import ConfigError, check, merge, plain, read_yaml
 from palpate.methods import METHODS, Method
 
 SPLITS = ("validation", "test")  # that models are tested on
-PROPERTIES = ("method", "vision", "touch", "grasps", "fewer_grasps")  # that an experiment's name is made of
 SINGLE_IMAGE = ("psg", "pixel2mesh", "r2n2")  # methods of views only
 
 
-def name_of(method: str, vision: str, touch: bool, grasps: int = 1, fewer_grasps: bool = False) -> str:
-    """The name of an experiment: `template_unoccluded_touch_5`, `pooled_touch_any`, `single_image_psg`."""
+def name_of(row: Mapping[str, Any]) -> str:
+    """The name of an experiment of these properties: `template_unoccluded_touch_5`, `pooled_touch_any`."""
+    method, vision, fewer_grasps, grasps = row["method"], row["vision"], row.get("fewer_grasps"), row.get("grasps", 1)
     if vision == "views":
         return "single_image" if method == "charts" else f"single_image_{method}"
-    has_vision = vision != "none"
-    images, touches = [vision] * has_vision, ["touch"] * (touch and not (fewer_grasps and has_vision))
-    number = ["any"] if fewer_grasps else [str(grasps)] * (grasps > 1)
-    return "_".join([method, *images, *touches, *number])
+    images = [] if vision == "none" else [vision]
+    touches = ["touch"] * (row["touch"] and not (fewer_grasps and images))
+    return "_".join([method, *images, *touches, *(["any"] if fewer_grasps else [str(grasps)] * (grasps > 1))])
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ class Experiment:
     def stated_as(self) -> str:
         """The paper's experiment of the same inputs, whose numbers stand beside its own."""
         other = self.method.stated_as
-        return name_of(other, self.vision, self.touch, self.grasps, self.fewer_grasps) if other else self.name
+        return name_of(self.row() | {"method": other}) if other else self.name
 
     @property
     def input_label(self) -> str:
@@ -175,7 +174,7 @@ class Experiments:
         check(declared, schema, str(path))
         try:
             rows = _rows(declared["experiments"])
-            experiments = {name: _experiment(name, row, rows) for name, row in rows.items()}
+            experiments = {name: _experiment(row, rows) for name, row in rows.items()}
             tables = {
                 name: Comparison(name, table["split"], tuple(_selected(name, table["experiments"], experiments)))
                 for name, table in declared["tables"].items()
@@ -196,61 +195,43 @@ def _combinations(grid: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [dict(zip(grid, combination, strict=True)) for combination in itertools.product(*values)]
 
 
-def _name(row: Mapping[str, Any]) -> str:
-    """The name that is made of a row's properties."""
-    return name_of(**{key: row[key] for key in PROPERTIES if key in row})
-
-
 def _rows(grids: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """The combinations of all grids by their names."""
+    """The combinations of all grids by their names, with names of weights in place of properties."""
     rows: dict[str, dict[str, Any]] = {}
     for row in itertools.chain.from_iterable(map(_combinations, grids)):
         if row["method"] not in METHODS:
             raise ConfigError(f"method {row['method']!r} is unknown; there are {', '.join(METHODS)}")
-        name = row.get("name") or _name(row)
+        if isinstance(row.get("weights"), dict):
+            row["weights"] = name_of(row | row["weights"])
+        name = row.setdefault("name", name_of(row))
         if name in rows:
             raise ConfigError(f"there are two experiments {name}: remove one, or state another `name`")
         rows[name] = row
     return rows
 
 
-def _experiment(name: str, row: Mapping[str, Any], rows: Mapping[str, Mapping[str, Any]]) -> Experiment:
+def _experiment(row: Mapping[str, Any], rows: Mapping[str, Mapping[str, Any]]) -> Experiment:
     """The experiment of a row; what the row does not state is its trained experiment's, or its method's."""
-    weights, trained = row.get("weights"), row
-    if weights:
-        weights = weights if isinstance(weights, str) else _name({**row, **weights})
-        trained = rows.get(weights, {})
-        if not trained or "weights" in trained or trained["vision"] != row["vision"]:
-            raise ConfigError(f"{name} has weights {weights}, which is no trained experiment of its vision")
-    method = METHODS[row["method"]]
-    values = {"architecture": METHODS[trained["method"]].architecture, "correction": method.correction, "grasps": 1}
-    values |= {key: trained[key] for key in ("architecture", "correction") if key in trained}
-    values |= row | {"name": name, "strategy": method.strategy or method.name, "weights": weights}
-    values |= {} if row["touch"] else {"correction": None}
-    experiment = Experiment.from_row(name, {key: value for key, value in values.items() if key != "method"})
-    if not experiment.has_vision and not experiment.touch:
-        raise ConfigError(f"{name} needs vision or touch, and has neither")
-    if method.name in SINGLE_IMAGE and (row["vision"] != "views" or row["touch"]):
-        raise ConfigError(f"{name}: method {method.name} takes single images: vision: views, touch: false")
-    if row["vision"] == "views" and not experiment.is_trained:
-        raise ConfigError(f"{name}: method {method.name} does not take single images: choose another vision")
+    method, trained = METHODS[row["method"]], rows.get(row["weights"], {}) if "weights" in row else row
+    if trained.get("vision") != row["vision"] or (trained is not row and "weights" in trained):
+        raise ConfigError(f"{row['name']} has weights {row['weights']}, which is no trained experiment of its vision")
+    values = {"grasps": 1, "correction": method.correction, "architecture": METHODS[trained["method"]].architecture}
+    values |= {key: trained[key] for key in ("correction", "architecture") if key in trained}
+    values |= row | {"strategy": method.strategy or method.name} | ({} if row["touch"] else {"correction": None})
+    experiment = Experiment.from_row(values.pop("name"), {key: values[key] for key in values if key != "method"})
+    views, single = experiment.vision == "views", method.name in SINGLE_IMAGE
+    nothing = not experiment.has_vision and not experiment.touch
+    if nothing or (single and (experiment.touch or not views)) or (views and not experiment.is_trained):
+        raise ConfigError(f"{experiment.name}: {method.name} can't take as input: {experiment.input_label}")
     return experiment
 
 
 def _selected(table: str, items: Sequence[Any], experiments: Mapping[str, Experiment]) -> Iterator[Experiment]:
-    """The experiments that a table's names and grids say, in order.
-
-    Raises ConfigError for a name, or a value of a grid, that no experiment is defined of.
-    """
+    """The experiments that a table's names and grids say, in order."""
     for item in items:
-        if isinstance(item, str):
-            if item not in experiments:
-                raise ConfigError(f"table {table} has experiment {item}, which is not defined")
-            yield experiments[item]
-            continue
-        defined = [row for row in _combinations(item) if _name(row) in experiments]
-        for key, values in item.items():
-            for value in values if isinstance(values, list) else [values]:
-                if not any(row[key] == value for row in defined):
-                    raise ConfigError(f"table {table} has experiments of {key} {value}, and none is defined")
-        yield from (experiments[_name(row)] for row in defined)
+        rows = {item: {"name": item}} if isinstance(item, str) else {name_of(row): row for row in _combinations(item)}
+        defined = {name: row for name, row in rows.items() if name in experiments}
+        for key, value in itertools.chain.from_iterable(row.items() for row in rows.values()):
+            if all(row[key] != value for row in defined.values()):
+                raise ConfigError(f"table {table} has an experiment with {key}: {value}, and none is defined")
+        yield from map(experiments.__getitem__, defined)

@@ -12,6 +12,7 @@ from tests.evaluation.synthetic import EXPERIMENTS
 
 SCHEMA = Path(__file__).parents[1] / "workflow/schemas/experiments.schema.yaml"
 CHARTS = {"method": "charts", "vision": "occluded", "touch": True}
+ANY = {"method": "pooled", "touch": True, "grasps": 5, "fewer_grasps": True}
 
 
 @pytest.fixture
@@ -30,18 +31,18 @@ def read(tmp_path):
 @pytest.mark.parametrize(
     ("properties", "name"),
     [
-        (("template", "unoccluded", True, 5), "template_unoccluded_touch_5"),
-        (("no_comm", "unoccluded", True), "no_comm_unoccluded_touch"),
-        (("sphere", "occluded", False), "sphere_occluded"),
-        (("pooled", "none", True, 2), "pooled_touch_2"),
-        (("pooled", "none", True, 5, True), "pooled_touch_any"),
-        (("pooled", "occluded", True, 5, True), "pooled_occluded_any"),
-        (("charts", "views", False), "single_image"),
-        (("r2n2", "views", False), "single_image_r2n2"),
+        ({"method": "template", "vision": "unoccluded", "touch": True, "grasps": 5}, "template_unoccluded_touch_5"),
+        ({"method": "no_comm", "vision": "unoccluded", "touch": True}, "no_comm_unoccluded_touch"),
+        ({"method": "sphere", "vision": "occluded", "touch": False}, "sphere_occluded"),
+        ({"method": "pooled", "vision": "none", "touch": True, "grasps": 2}, "pooled_touch_2"),
+        (ANY | {"vision": "none"}, "pooled_touch_any"),
+        (ANY | {"vision": "occluded"}, "pooled_occluded_any"),
+        ({"method": "charts", "vision": "views", "touch": False}, "single_image"),
+        ({"method": "r2n2", "vision": "views", "touch": False}, "single_image_r2n2"),
     ],
 )
 def test_names_are_made_of_properties(properties, name):
-    assert name_of(*properties) == name and name in EXPERIMENTS
+    assert name_of(properties) == name and name in EXPERIMENTS
 
 
 def test_a_grid_has_every_combination_of_its_lists(read):
@@ -54,7 +55,7 @@ def test_a_grid_has_every_combination_of_its_lists(read):
 
 
 def test_a_row_changes_what_its_method_has_and_weights_share_it(read):
-    any_number = {"method": "template", "vision": "occluded", "touch": True, "grasps": 5, "fewer_grasps": True}
+    any_number = ANY | {"method": "template", "vision": "occluded"}
     mine = any_number | {"name": "mine", "architecture": {"gcn": {"layers": 3}}, "correction": None}
     of_mine = {"method": "template", "vision": "occluded", "touch": True, "weights": "mine"}
     alone = of_mine | {"touch": False, "weights": {"touch": True, "grasps": 5, "fewer_grasps": True}}
@@ -75,11 +76,19 @@ def test_a_row_changes_what_its_method_has_and_weights_share_it(read):
         ([CHARTS, CHARTS], [], "two experiments charts_occluded_touch: remove one, or state another `name`"),
         ([CHARTS | {"weights": {"touch": False}}], [], "weights charts_occluded, which is no trained experiment"),
         ([CHARTS | {"weights": {"vision": "none"}}], [], "weights.vision: unknown key"),
-        ([CHARTS | {"vision": "none", "touch": [True, False]}], [], "charts needs vision or touch, and has neither"),
-        ([CHARTS | {"method": "psg"}], [], "method psg takes single images"),
-        ([CHARTS | {"method": "retrieval", "vision": "views"}], [], "does not take single images"),
-        ([CHARTS], ["charts_occluded"], "table grasps has experiment charts_occluded, which is not defined"),
-        ([CHARTS], [CHARTS | {"grasps": [1, 2]}], "table grasps has experiments of grasps 2, and none is defined"),
+        ([CHARTS | {"vision": "none", "touch": [True, False]}], [], "charts: charts can't take as input: nothing"),
+        ([CHARTS | {"method": "psg"}], [], "psg can't take as input: occluded vision + touch"),
+        (
+            [CHARTS | {"method": "retrieval", "vision": "views"}],
+            [],
+            "can't take as input: single view + touch",
+        ),
+        (
+            [CHARTS],
+            ["charts_occluded"],
+            "has an experiment with name: charts_occluded, and none is defined",
+        ),
+        ([CHARTS], [CHARTS | {"grasps": [1, 2]}], "table grasps has an experiment with grasps: 2, and none is defined"),
     ],
 )
 def test_mistakes_are_named(read, experiments, selected, message):

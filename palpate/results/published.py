@@ -19,7 +19,7 @@
 """
 
 import csv
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -33,6 +33,7 @@ FOLDER = Path(__file__).parent / "paper"
 
 # The tables whose rows are experiments of config/experiments.yaml; claims compare nothing else.
 OF_EXPERIMENTS = ("model_selection", "input_modalities", "grasps", "extrapolation")
+OURS = {method.name for method in METHODS.values() if method.stated_as}  # methods that are not the paper's
 
 
 def published_experiments(*tables: str) -> list[str]:
@@ -64,36 +65,37 @@ def terms(cell: str) -> tuple[Term, ...]:
     return tuple(Term(*term.split()) for term in cell.split("; "))
 
 
-def exchanged(papers: Iterable[Term], method: Method, known: Collection[str]) -> tuple[Term, ...] | None:
+def exchanged(papers: Sequence[Term], method: Method, known: Collection[str]) -> tuple[Term, ...] | None:
     """Terms with a method in place of the paper's; None if it changes none, or the method has no experiment, among
     those `known`, for one of them.
 
     Vision alone stays where a method has no model of its own for it.
     """
     own = []
-    for term in papers:
-        other = (method.exchanged or {}).get(term.method, term.method)
-        if other is None or (method.exchanged and term.method in METHODS and METHODS[term.method].stated_as):
+    for term in papers if method.exchanged else ():
+        other = method.exchanged.get(term.method, term.method)
+        mine = term._replace(method=other or "")
+        lacks = other != term.method and mine.experiment not in known
+        if term.method in OURS or (lacks and (other is None or "touch" in term.inputs)):
             return None
-        mine = term._replace(method=other)
-        if other != term.method and mine.experiment not in known:
-            if "touch" in term.inputs:
-                return None
-            mine = term
-        own.append(mine)
-    return tuple(own) if not method.exchanged or own != [*papers] else None
+        own.append(term if lacks else mine)
+    return (tuple(own) if own != [*papers] else None) if method.exchanged else tuple(papers)
+
+
+def _of_methods(table: str, known: Collection[str], *columns: str) -> Iterator[tuple[Method, dict, Sequence, Sequence]]:
+    """For each method, the rows of a file whose experiments it has, with their terms as stated and as its own."""
+    for method in METHODS.values():
+        for row in paper_rows(table) if method.exchanged is not None else ():
+            papers = [term for column in columns for term in terms(row[column])]
+            if own := exchanged(papers, method, known):
+                yield method, row, papers, own
 
 
 def claims(known: Collection[str] = ()) -> list[dict[str, Any]]:
     """The rows of `paper/claims.csv` for the paper's method, and for each of ours whose experiments are among those
     known: `terms` are those of the method, `stated` the paper's."""
-    rows = []
-    for method in METHODS.values():
-        for row in paper_rows("claims") if method.exchanged is not None and method.name != "mean" else ():
-            papers = terms(row["experiments"])
-            if own := exchanged(papers, method, known):
-                rows.append(row | {"method": method.name, "terms": own, "stated": papers})
-    return rows
+    rows = [row for row in _of_methods("claims", known, "experiments") if row[0].name != "mean"]
+    return [row | {"method": method.name, "stated": papers, "terms": own} for method, row, papers, own in rows]
 
 
 def claimed_experiments(known: Collection[str], *tables: str) -> list[str]:
@@ -106,14 +108,12 @@ def effects(experiments: Iterable[str]) -> list[dict[str, Any]]:
     """The rows of `paper/effects.csv`, for each method, whose two experiments are among those given; with the `method`
     of the first, and as `stated` the paper's two."""
     known, rows = set(experiments), []
-    for method in METHODS.values():
-        for row in paper_rows("effects") if method.exchanged is not None else ():
-            papers = terms(row["experiment"]) + terms(row["compared_with"])
-            pair = exchanged(papers, method, known)
-            if pair and known.issuperset(term.key for term in pair):
-                names = {"experiment": pair[0].key, "compared_with": pair[1].key, "method": pair[0].method}
-                effect = row["effect"].format(communication=method.communication)
-                rows.append({"effect": effect, "stated": [term.key for term in papers], **names})
+    for method, row, papers, own in _of_methods("effects", known, "experiment", "compared_with"):
+        one, other = (term.key for term in own)
+        if {one, other} <= known:
+            named = {"method": own[0].method, "experiment": one, "compared_with": other}
+            effect = row["effect"].format(communication=method.communication)
+            rows.append({"effect": effect, "stated": [term.key for term in papers], **named})
     return rows
 
 

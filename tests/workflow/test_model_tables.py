@@ -108,17 +108,31 @@ def test_a_table_that_is_not_declared_is_not_built(project):
         assert result.returncode and message in result.stdout + result.stderr
 
 
+def test_an_experiment_of_ones_own_is_trained_and_stands_in_a_table(project):
+    def with_mine(held):
+        mine = {"name": "wider", "method": "charts", "vision": "occluded", "touch": True}
+        held["experiments"] += [mine | {"architecture": {"gcn": {"width": 96}}}]
+        held["experiments"] += [{"method": "template", "vision": "occluded", "touch": True, "grasps": [2, 3]}]
+        held["tables"]["input_modalities"]["experiments"] += ["wider"]
+
+    declared(project, with_mine)
+    assert counts(project, "models/wider/seed-0/best.ckpt")["reconstruction"] == 1
+    assert counts(project, "models/template_occluded_touch_3/seed-0/best.ckpt")["reconstruction"] == 1
+    names = DECLARED.tables["input_modalities"].by_name
+    assert counts(project, "tables/input_modalities.csv")["reconstruction"] == len(models(names)) + 1
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda held: held["tables"].update(grasp=held["tables"].pop("grasps")), "no table is called grasp;"),
         (
             lambda held: held["tables"]["grasps"]["experiments"].append("charts_smell"),
-            "table grasps has experiment charts_smell, which is not defined",
+            "table grasps has an experiment with name: charts_smell, and none is defined",
         ),
         (
             lambda held: held["tables"]["grasps"]["experiments"][0]["method"].append("telepathy"),
-            "table grasps has experiments of method telepathy, and none is defined",
+            "table grasps has an experiment with method: telepathy, and none is defined",
         ),
         (lambda held: held["tables"]["grasps"].update(split="train"), "tested on validation or test"),
     ],
