@@ -234,4 +234,4 @@ def _selected(table: str, items: Sequence[Any], experiments: Mapping[str, Experi
         for key, value in itertools.chain.from_iterable(row.items() for row in rows.values()):
             if all(row[key] != value for row in defined.values()):
                 raise ConfigError(f"table {table} has an experiment with {key}: {value}, and none is defined")
-        yield from map(experiments.__getitem__, defined)
+        yield from (experiments[name] for name in defined)

@@ -19,7 +19,7 @@ measured. Two limits come from the paper's own numbers. "Approximately the same 
 perfect, when compared to the error incurred over full surfaces" is `share_of_least 0.05`: the paper's share is 1.2 %.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -90,8 +90,8 @@ class Claim(NamedTuple):
     section: str
     split: str
     table: str
-    terms: tuple[Term, ...]
-    stated: tuple[Term, ...]
+    terms: Sequence[Term]
+    stated: Sequence[Term]
     measured: Statistic
     bounds: list[Statistic]
     unit: str

@@ -71,15 +71,17 @@ def exchanged(papers: Sequence[Term], method: Method, known: Collection[str]) ->
 
     Vision alone stays where a method has no model of its own for it.
     """
+    if not method.exchanged:
+        return tuple(papers)
     own = []
-    for term in papers if method.exchanged else ():
+    for term in papers:
         other = method.exchanged.get(term.method, term.method)
         mine = term._replace(method=other or "")
         lacks = other != term.method and mine.experiment not in known
         if term.method in OURS or (lacks and (other is None or "touch" in term.inputs)):
             return None
         own.append(term if lacks else mine)
-    return (tuple(own) if own != [*papers] else None) if method.exchanged else tuple(papers)
+    return tuple(own) if own != [*papers] else None
 
 
 def _of_methods(table: str, known: Collection[str], *columns: str) -> Iterator[tuple[Method, dict, Sequence, Sequence]]:
@@ -94,8 +96,11 @@ def _of_methods(table: str, known: Collection[str], *columns: str) -> Iterator[t
 def claims(known: Collection[str] = ()) -> list[dict[str, Any]]:
     """The rows of `paper/claims.csv` for the paper's method, and for each of ours whose experiments are among those
     known: `terms` are those of the method, `stated` the paper's."""
-    rows = [row for row in _of_methods("claims", known, "experiments") if row[0].name != "mean"]
-    return [row | {"method": method.name, "stated": papers, "terms": own} for method, row, papers, own in rows]
+    return [
+        row | {"method": method.name, "stated": papers, "terms": own}
+        for method, row, papers, own in _of_methods("claims", known, "experiments")
+        if method.name != "mean"
+    ]
 
 
 def claimed_experiments(known: Collection[str], *tables: str) -> list[str]:
