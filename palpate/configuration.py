@@ -143,7 +143,7 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
         for key in sorted(set(error.validator_value) - set(error.instance)):
             yield f"{f'{where}.' if where else ''}{key}: missing"
     elif isinstance(error.schema, dict) and "errorMessage" in error.schema:
-        yield f"{where}: {error.instance!r}: {error.schema['errorMessage']}"
+        yield f"{where}: {error.instance!r:.200}: {error.schema['errorMessage']}"
     else:
         yield f"{where or 'top level'}: {error.message}"
 

@@ -1,15 +1,26 @@
-"""The experiments of config/experiments.yaml: each model that a table needs, and the tables as lists of them."""
+"""The experiments of config/experiments.yaml: methods with inputs, declared as grids; and the tables that show them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from palpate.configuration import ConfigError, check, plain
+from palpate.configuration import ConfigError, check, merge, plain, read_yaml
+from palpate.methods import METHODS, Method
 
 SPLITS = ("validation", "test")  # that models are tested on
+SINGLE_IMAGE = ("psg", "pixel2mesh", "r2n2")  # methods of views only
+
+
+def name_of(row: Mapping[str, Any]) -> str:
+    """The name of an experiment of these properties: `template_unoccluded_touch_5`, `pooled_touch_any`."""
+    method, vision, fewer_grasps, grasps = row["method"], row["vision"], row.get("fewer_grasps"), row.get("grasps", 1)
+    if vision == "views":
+        return "single_image" if method == "charts" else f"single_image_{method}"
+    images = [] if vision == "none" else [vision]
+    touches = ["touch"] * (row["touch"] and not (fewer_grasps and images))
+    return "_".join([method, *images, *touches, *(["any"] if fewer_grasps else [str(grasps)] * (grasps > 1))])
 
 
 @dataclass(frozen=True)
@@ -25,10 +36,10 @@ class Correction:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One model: a row of config/experiments.yaml.
+    """One model: a combination of a grid of config/experiments.yaml.
 
     Attributes:
-        name: its key there.
+        name: made of its properties (`name_of`), or stated there.
         strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled, pooled_no_copy or template; the
             baseline retrieval, which is not trained; of views only psg, pixel2mesh or r2n2.
         vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
@@ -50,13 +61,32 @@ class Experiment:
 
     @classmethod
     def from_row(cls, name: str, row: Mapping[str, Any]) -> "Experiment":
-        """The experiment of a row of the file, or of the form that `row` gives (checkpoints, Snakemake's params)."""
+        """The experiment in the form that `row` gives (checkpoints, Snakemake's params)."""
         correction = Correction(**row["correction"]) if row.get("correction") else None
         return cls(**{"name": name} | dict(row) | {"correction": correction})
 
     def row(self) -> dict[str, Any]:
         """The row as plain data, keys with their default left out: what checkpoints and Snakemake's params hold."""
         return {key: value for key, value in plain(self).items() if key != "name"}
+
+    @property
+    def method(self) -> Method:
+        """Its method: the last one of its strategy whose architecture it has."""
+        own = self.architecture
+        mine = (each for each in METHODS.values() if self.strategy == (each.strategy or each.name))
+        return [each for each in mine if merge(own, each.architecture) == own][-1]
+
+    @property
+    def stated_as(self) -> str:
+        """The paper's experiment of the same inputs, whose numbers stand beside its own."""
+        other = self.method.stated_as
+        return name_of(self.row() | {"method": other}) if other else self.name
+
+    @property
+    def input_label(self) -> str:
+        """Its inputs as text: `unoccluded vision + touch`."""
+        vision = {"none": [], "views": ["single view"]}.get(self.vision, [f"{self.vision} vision"])
+        return " + ".join([*vision, *["touch"] * self.touch]) or "nothing"
 
     @property
     def has_vision(self) -> bool:
@@ -136,33 +166,72 @@ class Experiments:
     def read(cls, path: Path | str, schema: Path | str) -> "Experiments":
         """The file's experiments and tables, checked against its schema.
 
-        Raises ConfigError, naming the row, for a table's experiment that is not defined, weights that are not of a
-        trained experiment with the same vision, or an experiment without vision and touch.
+        Raises ConfigError, naming the experiment, for an unknown method, two experiments of one name, weights that are
+        not of a trained experiment with the same vision, or inputs that the method can't have; and naming the table,
+        for an experiment, or a value of a grid, that no experiment is defined of.
         """
-        rows = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        check(rows, schema, str(path))
-        experiments = {}
-        for name, row in rows["experiments"].items():
-            trained = rows["experiments"].get(row.get("weights"), {})
-            if "weights" in row and (
-                not trained or "weights" in trained or row.get("vision", trained["vision"]) != trained["vision"]
-            ):
-                raise ConfigError(
-                    f"{path}: {name} has weights {row['weights']}, which is no trained experiment of its vision"
-                )
-            experiment = Experiment.from_row(name, trained | {"fewer_grasps": False} | row)
-            experiments[name] = experiment if experiment.touch else replace(experiment, correction=None)
-            if not experiment.has_vision and not experiment.touch:
-                raise ConfigError(f"{path}: {experiment.name} needs vision or touch, and has neither")
-        tables = {}
-        for name, row in rows["tables"].items():
-            for experiment in row["experiments"]:
-                if experiment not in experiments:
-                    raise ConfigError(f"{path}: table {name} has experiment {experiment}, which is not defined")
-            tables[name] = Comparison(name, row["split"], tuple(experiments[each] for each in row["experiments"]))
+        declared = read_yaml(path)
+        check(declared, schema, str(path))
+        try:
+            rows = _rows(declared["experiments"])
+            experiments = {name: _experiment(row, rows) for name, row in rows.items()}
+            tables = {
+                name: Comparison(name, table["split"], tuple(_selected(name, table["experiments"], experiments)))
+                for name, table in declared["tables"].items()
+            }
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {error}") from None
         return cls(experiments, tables)
 
     def of_weights(self, trained: str) -> list[Experiment]:
         """The experiments that are evaluated with a trained model, itself first."""
         found = [each for each in self.experiments.values() if each.trained == trained]
         return sorted(found, key=lambda each: each.name != trained)
+
+
+def _combinations(grid: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Every combination of a grid's lists, the last key's values changing fastest."""
+    values = [value if isinstance(value, list) else [value] for value in grid.values()]
+    return [dict(zip(grid, combination, strict=True)) for combination in itertools.product(*values)]
+
+
+def _rows(grids: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The combinations of all grids by their names, with names of weights in place of properties."""
+    rows: dict[str, dict[str, Any]] = {}
+    for row in itertools.chain.from_iterable(map(_combinations, grids)):
+        if row["method"] not in METHODS:
+            raise ConfigError(f"method {row['method']!r} is unknown; there are {', '.join(METHODS)}")
+        if isinstance(row.get("weights"), dict):
+            row["weights"] = name_of(row | row["weights"])
+        name = row.setdefault("name", name_of(row))
+        if name in rows:
+            raise ConfigError(f"there are two experiments {name}: remove one, or state another `name`")
+        rows[name] = row
+    return rows
+
+
+def _experiment(row: Mapping[str, Any], rows: Mapping[str, Mapping[str, Any]]) -> Experiment:
+    """The experiment of a row; what the row does not state is its trained experiment's, or its method's."""
+    method, trained = METHODS[row["method"]], rows.get(row["weights"], {}) if "weights" in row else row
+    if trained.get("vision") != row["vision"] or (trained is not row and "weights" in trained):
+        raise ConfigError(f"{row['name']} has weights {row['weights']}, which is no trained experiment of its vision")
+    values = {"grasps": 1, "correction": method.correction, "architecture": METHODS[trained["method"]].architecture}
+    values |= {key: trained[key] for key in ("correction", "architecture") if key in trained}
+    values |= row | {"strategy": method.strategy or method.name} | ({} if row["touch"] else {"correction": None})
+    experiment = Experiment.from_row(values.pop("name"), {key: values[key] for key in values if key != "method"})
+    views, single = experiment.vision == "views", method.name in SINGLE_IMAGE
+    nothing = not experiment.has_vision and not experiment.touch
+    if nothing or (single and (experiment.touch or not views)) or (views and not experiment.is_trained):
+        raise ConfigError(f"{experiment.name}: {method.name} can't take as input: {experiment.input_label}")
+    return experiment
+
+
+def _selected(table: str, items: Sequence[Any], experiments: Mapping[str, Experiment]) -> Iterator[Experiment]:
+    """The experiments that a table's names and grids say, in order."""
+    for item in items:
+        rows = {item: {"name": item}} if isinstance(item, str) else {name_of(row): row for row in _combinations(item)}
+        defined = {name: row for name, row in rows.items() if name in experiments}
+        for key, value in itertools.chain.from_iterable(row.items() for row in rows.values()):
+            if all(row[key] != value for row in defined.values()):
+                raise ConfigError(f"table {table} has an experiment with {key}: {value}, and none is defined")
+        yield from (experiments[name] for name in defined)

@@ -71,7 +71,7 @@ def retrieval(run: Path | str, experiment: Experiment, seed: int) -> Trained:
 
 @cache
 def _training_objects(run: Path | str, has_vision: bool) -> Objects:
-    arrays = [item for item in INPUTS if item.name in ("points", *["unoccluded_silhouette"] * has_vision)]
+    arrays = [INPUTS[name] for name in ("points", *["unoccluded_silhouette"] * has_vision)]
     data = ExperimentData.read(Dataset(run, [item.stage for item in arrays]), arrays, ["train"])
     return Objects(*(torch.from_numpy(data[item.name]) for item in arrays))
 

@@ -1,6 +1,6 @@
 """The arrays of an experiment in memory, read once from a run's stores, for training and evaluation.
 
-`palpate/inference/inputs.csv` lists the arrays of an experiment and their types. Shapes are the contract's of what is
+`palpate/inference/inputs.py` lists the arrays of an experiment and their types. Shapes are the contract's of what is
 stored (docs/dataset.md), in the world frame. Silhouettes have those of masks, and `image_camera` is (o, k, 3, 4) to
 pixels. Objects are those that all stores of the arrays have.
 """

@@ -1,14 +1,44 @@
-"""The arrays that each experiment takes, and their stages: the table behind workflow inputs and data in memory.
+"""The arrays that each experiment takes, and their stages: what workflow inputs and data in memory come from.
 
-`inputs.csv` has a row an array. Rotations of sensors are not taken where touch is only copied, or in the paper's graph.
 It needs neither torch nor the stores.
 """
 
-import csv
-from pathlib import Path
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from palpate.experiments import Experiment
+
+
+class Input(NamedTuple):
+    """An array in a training's memory.
+
+    name: of the array there. stage, array: of its store (intrinsics and extrinsics are multiplied). dtype: in memory.
+    """
+
+    name: str
+    stage: str
+    array: str
+    dtype: str
+
+
+_ROWS = (
+    ("points", "surface", "points", "float32"),
+    ("unoccluded", "vision", "unoccluded", "uint8"),
+    ("occluded", "vision", "occluded", "uint8"),
+    ("unoccluded_silhouette", "vision", "unoccluded_mask", "bool"),
+    ("occluded_silhouette", "vision", "occluded_mask", "bool"),
+    ("hand_silhouette", "vision", "occluded_depth, occluded_mask", "bool"),
+    ("image_camera", "vision", "intrinsics, extrinsics", "float32"),
+    ("views", "views", "image", "uint8"),
+    ("camera", "views", "camera", "float32"),
+    ("success", "touch", "success", "bool"),
+    ("position", "touch", "position", "float32"),
+    ("charts", "charts", "vertices", "float32"),
+    ("rotation", "touch", "rotation", "float32"),
+    ("reading", "touch", "reading", "uint8"),
+    ("template", "templates", "vertices", "float32"),
+)
+INPUTS = {name: Input(name, *row) for name, *row in _ROWS}
 
 
 def camera_array(experiment: Experiment) -> str | None:
@@ -16,37 +46,28 @@ def camera_array(experiment: Experiment) -> str | None:
     return {"none": None, "views": "camera"}.get(experiment.vision, "image_camera")
 
 
-class Input(NamedTuple):
-    """An array in a training's memory: a row of the table.
-
-    name: of the array there. stage, array: of its store (intrinsics and extrinsics are multiplied). dtype: in memory.
-    takes, vision, strategy: the experiments that take it, by a property of `Experiment`, and by values with a space
-    between; all if empty. training: whether only their training does.
-    """
-
-    name: str
-    stage: str
-    array: str
-    dtype: str
-    takes: str
-    vision: str
-    strategy: str
-    training: bool
-
-    def is_taken(self, experiment: Experiment) -> bool:
-        """Whether an experiment, or its training, takes it."""
-        chosen = (self.vision, experiment.vision), (self.strategy, experiment.strategy)
-        of_these = all(value in (values.split() or [value]) for values, value in chosen)
-        return of_these and (not self.takes or getattr(experiment, self.takes))
-
-
-with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
-    INPUTS = tuple(Input(**row | {"training": row["training"] == "yes"}) for row in csv.DictReader(file))
+def _names(experiment: Experiment) -> Iterator[str]:
+    """The names of the arrays that an experiment takes."""
+    yield "points"
+    if experiment.takes_images:
+        yield experiment.vision
+    if experiment.takes_masks:
+        yield "unoccluded_silhouette"
+        yield from ("occluded_silhouette", "hand_silhouette") if experiment.vision == "occluded" else ()
+    if camera := camera_array(experiment):
+        yield camera
+    if experiment.touch:
+        yield from ("success", "position")
+        # Rotations of sensors are not taken where touch is only copied, or in the paper's graph.
+        yield from ["charts"] * experiment.takes_charts
+        yield from ["rotation"] * (experiment.strategy in ("sphere", "pooled", "pooled_no_copy", "template"))
+        yield from ["reading"] * experiment.takes_readings
 
 
 def inputs(experiment: Experiment, training: bool = False) -> list[Input]:
     """The arrays that an experiment takes; training: and those that only its training takes."""
-    return [item for item in INPUTS if item.is_taken(experiment) and (training or not item.training)]
+    names = [*_names(experiment), *["template"] * (training and experiment.strategy == "template")]
+    return [INPUTS[name] for name in names]
 
 
 def stages(experiment: Experiment, training: bool = False) -> list[str]:

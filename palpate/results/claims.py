@@ -9,28 +9,28 @@ Columns of the file:
     group                    claims that say the same of several set-ups
     claim, section           the sentence, and where the paper makes it
     split, table             what decides it: a split, and the table whose experiments it compares
-    experiments              whose averages the statistic takes, in order, with "; " between; in rings
-                             `<experiment> x<ring>`; `cloud` is the predicted local cloud
+    experiments              whose averages the statistic takes, in order, with "; " between: `published.Term`
     statistic, parameters    a name in `STATISTICS`, and its numbers with a space between
     unit                     of the number that is reported
 
-For our methods the experiments that take the place of the paper's are compared (`methods.exchanged`), if all were
+For our methods the experiments that take the place of the paper's are compared (`published.exchanged`), if all were
 measured. Two limits come from the paper's own numbers. "Approximately the same loss at every plane size" (section
 5.3) is `change 0.3`: the paper's vision-only errors change by -28 % and -15 % from ring 1 to ring 5. "Practically
 perfect, when compared to the error incurred over full surfaces" is `share_of_least 0.05`: the paper's share is 1.2 %.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from palpate.results import methods, products, published
+from palpate.methods import METHODS
 from palpate.results import model_tables as tables
+from palpate.results import products, published
 from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.model_tables import Frame
-from palpate.results.published import paper_values, stated
+from palpate.results.published import Term, paper_values, stated
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
@@ -79,7 +79,10 @@ STATISTICS: dict[str, Callable[..., list[Statistic]]] = {
 
 
 class Claim(NamedTuple):
-    """A row of `paper/claims.csv` for one method; `bounds` must be negative for the claim to hold."""
+    """A row of `paper/claims.csv` for one method; `bounds` must be negative for the claim to hold.
+
+    terms: what is compared. stated: the paper's in their place.
+    """
 
     method: str
     group: str
@@ -87,10 +90,16 @@ class Claim(NamedTuple):
     section: str
     split: str
     table: str
-    experiments: tuple[str, ...]
+    terms: Sequence[Term]
+    stated: Sequence[Term]
     measured: Statistic
     bounds: list[Statistic]
     unit: str
+
+    @property
+    def experiments(self) -> list[str]:
+        """What the errors of its terms are called."""
+        return [term.key for term in self.terms]
 
 
 def claims(known: Collection[str] = ()) -> list[Claim]:
@@ -133,7 +142,7 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
         means = _stated(claim)
         rows.append(
             {
-                "method": methods.method_label(claim.method),
+                "method": METHODS[claim.method].label,
                 **{name: getattr(claim, name) for name in ("group", "claim", "section", "split")},
                 **tables.interval_columns("measured", estimate),
                 "measured_paper": float(claim.measured(means)),
@@ -150,7 +159,7 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
     table.attrs["note"] = (
         f"{_counted(table)} A claim is that a number is negative (where "
         "it names a bound: within it); it holds or not if the whole interval says so, and two seeds differ by less "
-        f"(`between seeds`). Differences are paired by object and seed.{papers}{methods.COMMUNICATION_NOTE} "
+        f"(`between seeds`). Differences are paired by object and seed.{papers}{tables.COMMUNICATION_NOTE} "
         f"{tables.intervals_note(int(table['seeds'].max()))}"
     )
     table.attrs["decimals"] = None
@@ -192,8 +201,7 @@ def _errors_by_table(decided: list[Claim], evaluations, rings, touches) -> dict[
     """The errors that the claims of each table are decided by."""
 
     def experiments(table: str) -> list[str]:
-        named = [name for claim in decided if claim.table == table for name in claim.experiments]
-        return list(dict.fromkeys(name.split(" x")[0] for name in named))
+        return list(dict.fromkeys(term.experiment for claim in decided if claim.table == table for term in claim.terms))
 
     split = {claim.table: claim.split for claim in decided}
     names = ("model_selection", "input_modalities", "grasps")
@@ -211,8 +219,8 @@ def _merge(whole: Errors, local: Errors) -> Errors:
 
 
 def _stated(claim: Claim) -> np.ndarray:
-    """The paper's averages for the experiments that a claim names."""
+    """The paper's averages of what a claim names."""
     table = "input_modalities" if claim.table == "local_touch_charts" else claim.table
     local = paper_values("local_touch_charts").set_index("class")["value"]
     known = stated(table) | {"cloud": local[AVERAGE]}
-    return np.array([known[methods.stated_as(name)] for name in claim.experiments])
+    return np.array([known[term.key] for term in claim.stated])

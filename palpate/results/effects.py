@@ -1,8 +1,8 @@
 """What touch, grasps, copying and communication change: differences of two experiments, with their verdicts.
 
-`paper/effects.csv` has a row a difference: what it shows, the experiment, the one that it is compared with, and the
-experiment of the paper whose numbers stand beside (none: the paper states nothing). For our methods the experiments
-that take the place of the paper's are compared (`methods.exchanged`). `docs/evaluation.md` says what a finding is.
+`paper/effects.csv` has a row a difference: what it shows, the experiment, and the one that it is compared with, each as
+a `published.Term`. For our methods those that take the place of the paper's are compared (`published.exchanged`).
+`docs/evaluation.md` says what a finding is.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 
 from palpate.experiments import SPLITS
-from palpate.results import methods, products
+from palpate.methods import METHODS
 from palpate.results import model_tables as tables
+from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
 from palpate.results.errors import AVERAGE, Errors, errors
@@ -65,13 +66,13 @@ def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES)
     )
 
 
-def _named(row: dict[str, str]) -> dict[str, str]:
+def _named(row: dict[str, Any]) -> dict[str, str]:
     """The columns that say what is compared; the method is the experiment's."""
-    method = methods.method_label(methods.strategy_of(row["experiment"]))
-    return {"effect": row["effect"], "method": method} | {key: row[key] for key in ("experiment", "compared_with")}
+    names = {key: row[key] for key in ("experiment", "compared_with")}
+    return {"effect": row["effect"], "method": METHODS[row["method"]].label, **names}
 
 
-def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, str], str, Errors]]:
+def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, Any], str, Errors]]:
     """The differences whose experiments were measured, with each split and its errors."""
     chosen = effects(set(evaluations["experiment"]))
     names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
@@ -82,7 +83,7 @@ def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, str], str, 
 
 
 def _difference(
-    found: Errors, row: dict[str, str], paper: dict[str, float], abc: dict[str, float], resamples: int
+    found: Errors, row: dict[str, Any], paper: dict[str, float], abc: dict[str, float], resamples: int
 ) -> dict[str, Any]:
     """The columns of a difference of two experiments' averages, from `difference` on; `paper` has the paper's, `abc`
     those of ABC objects."""
@@ -105,9 +106,9 @@ def _difference(
     }
 
 
-def _percent(published: Mapping[str, float], row: dict[str, str]) -> float:
+def _percent(published: Mapping[str, float], row: dict[str, Any]) -> float:
     """A difference in percent by published numbers; nan where one is missing."""
-    one, other = row["stated_as"], methods.stated_as(row["compared_with"])
+    one, other = row["stated"]
     return 100 * (published.get(one, np.nan) / published.get(other, np.nan) - 1)
 
 

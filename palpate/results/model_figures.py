@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from palpate.experiments import Experiment
+from palpate.methods import METHODS
 from palpate.protocol import RINGS
-from palpate.results import methods, products
 from palpate.results import model_tables as tables
+from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import Errors, errors
 from palpate.results.page import COLOURS, LABEL, PALE, TITLE, new_figure, save, styled
@@ -66,7 +67,7 @@ def grasp_selection(
         of_model = {strategy: keys for (model, strategy), keys in chosen.items() if model == name}
         for colour, (strategy, keys) in zip(COLOURS, of_model.items(), strict=False):
             _line(axes, list(keys), _against_first(found, keys, resamples), {"color": colour}, strategy)
-        title = f"{methods.label(setup)}, {methods.input_label(setup)}"
+        title = f"{setup.method.label}, {setup.input_label}"
         _finish(axes, "Chosen grasps", "Chamfer distance against the first", title)
         axes.yaxis.set_major_formatter(PercentFormatter(1))
     save(figure, path)
@@ -85,9 +86,9 @@ def error_over_rings(rings: tables.Frame, experiments: Experiments, path, split=
     figure = new_figure(4.5 * len(images) + 4.5, 5.2)
     *panels, papers = figure.subplots(1, len(images) + 1, gridspec_kw=PANEL | {"bottom": 0.4, "top": 0.9})
     for name, setup in experiments.items():
-        place, inputs = images.index(setup.vision), methods.input_label(setup)
+        place, inputs = images.index(setup.vision), setup.input_label
         estimates = [found.estimate([tables.ring_key(name, ring)], resamples=resamples) for ring in RINGS]
-        method = methods.label(setup) if setup.touch else f"vision alone, {methods.label(setup)}"
+        method = setup.method.label if setup.touch else f"vision alone, {setup.method.label}"
         _line(panels[place], RINGS, estimates, _style(setup), method)
         if tables.ring_key(name, RINGS[0]) in published:
             paper = [published[tables.ring_key(name, ring)] for ring in RINGS]
@@ -112,8 +113,8 @@ def _against_first(found: Errors, keys: Mapping[int, str], resamples: int) -> np
 
 def _style(setup: Experiment) -> dict[str, str]:
     """Colour and dashes of a line: vision alone is dotted."""
-    method = methods.method_of(setup)
-    number = ORDER.index(method) if method in ORDER else list(methods.NAMES).index(method)
+    method = setup.method.name
+    number = ORDER.index(method) if method in ORDER else list(METHODS).index(method)
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": "-" if setup.touch else ":"}
 
 

@@ -24,7 +24,7 @@ import pandas as pd
 from palpate.evaluation.rows import QUALITY, EvaluationError
 from palpate.experiments import Experiment
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
-from palpate.results import methods, products
+from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import has_papers_classes, paper_values, stated, without_paper
@@ -33,6 +33,11 @@ from palpate.training.tuning import summary
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_ESTIMATES = {"cloud": "local point cloud", "chart": "touch chart"}
 MEDIANS_NOTE = " In parentheses: median over objects."
+COMMUNICATION_NOTE = (
+    " Communication is edges of the graph to touch charts in the paper's method, and pooling by nearness in ours, "
+    "which also bends charts to touched points. Without it touch charts are copied into the mesh, and vision charts "
+    "do not depend on them."
+)
 STEPS_NOTE = " The paper trained for at most 260 epochs in batches of 16."
 QUALITY_LABELS = {"bend": "bend_degrees", "folded": "folded_percent", "gap": "gap_mm", "across": "across_degrees"}
 QUALITY_NOTE = (
@@ -86,7 +91,7 @@ def grasps(evaluations: Frame, experiments: Experiments, split="test", resamples
         row: dict[str, Any] = {"method": method, "input": inputs}
         for count, name in sorted(members.items()):
             row |= error_columns(f"grasps_{count}", found, name, resamples)
-            row[f"grasps_{count}_paper"] = published.get(methods.stated_as(name), np.nan)
+            row[f"grasps_{count}_paper"] = published.get(experiments[name].stated_as, np.nan)
         rows.append(row | size_columns(found, *members.values()))
     return _finish(rows, split, found, STEPS_NOTE)
 
@@ -103,17 +108,17 @@ def extrapolation(rings: Frame, experiments: Experiments, split="test", resample
     rows = []
     for unit, scale in (("m^2", 1.0), ("m^2 x 9000", CHAMFER_SCALE)):
         for name, experiment in experiments.items():
-            row: dict[str, Any] = {"method": methods.label(experiment), "input": methods.input_label(experiment)}
+            row: dict[str, Any] = {"method": experiment.method.label, "input": experiment.input_label}
             row["unit"] = unit
             for ring in RINGS:
                 row |= error_columns(f"x{ring}", found, ring_key(name, ring), resamples, scale)
-                row[f"x{ring}_paper"] = scale * published.get(ring_key(methods.stated_as(name), ring), np.nan)
+                row[f"x{ring}_paper"] = scale * published.get(ring_key(experiment.stated_as, ring), np.nan)
             rows.append(row | size_columns(found, *(ring_key(name, ring) for ring in RINGS)))
     note = (
         " One direction: from the true surface to the prediction. The published evaluation averages over all "
         "touches; here an object's error is the mean over its touches, and classes have the same share."
     )
-    return _finish(rows, split, found, note + methods.COMMUNICATION_NOTE, decimals=None)
+    return _finish(rows, split, found, note + COMMUNICATION_NOTE, decimals=None)
 
 
 @products.table(evaluations="single_image")
@@ -126,7 +131,7 @@ def single_image(evaluations: Frame, experiments: Experiments, split="test", res
     scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}
     found, rows = scores["chamfer"], []
     for name, experiment in experiments.items():
-        row: dict[str, Any] = {"source": "measured", "method": methods.label(experiment), "from": name}
+        row: dict[str, Any] = {"source": "measured", "method": experiment.method.label, "from": name}
         row |= error_columns("chamfer", found, name, resamples, pixel2mesh_chamfer(1.0))
         for column in columns[1:]:
             row |= interval_columns(column, scores[column].estimate([name], resamples=resamples))
@@ -154,7 +159,7 @@ def local_touch_charts(touches: Frame, split="test", resamples=RESAMPLES) -> Fra
     found = touch_errors(touches, split)
     published = paper_values("local_touch_charts").assign(estimate="cloud").set_index(["estimate", "class"])["value"]
     rows = [
-        {"prediction": label} | _by_class(found, name, published, resamples) | size_columns(found, name)
+        {"prediction": label} | _by_class(found, name, name, published, resamples) | size_columns(found, name)
         for name, label in TOUCH_ESTIMATES.items()
     ]
     counts = touches[touches["split"] == split]
@@ -190,7 +195,7 @@ def retrieval(evaluations: Frame, experiments: Experiments, split="test", resamp
     found, rows = errors(evaluations, list(experiments), split), []
     groups: dict[tuple[str, int], list[str]] = {}
     for name, experiment in experiments.items():
-        groups.setdefault((methods.input_label(experiment), experiment.grasps * experiment.touch), []).append(name)
+        groups.setdefault((experiment.input_label, experiment.grasps * experiment.touch), []).append(name)
     for (inputs, count), names in sorted(groups.items()):
         look_ups = [name for name in names if experiments[name].strategy == "retrieval"]
         models = [name for name in names if name not in look_ups]
@@ -199,7 +204,7 @@ def retrieval(evaluations: Frame, experiments: Experiments, split="test", resamp
         ours, theirs = (
             min(part, key=lambda name: found.estimate([name], resamples=2).value) for part in (models, look_ups)
         )
-        row = {"input": inputs, "grasps": count, "experiment": ours, "method": methods.label(experiments[ours])}
+        row = {"input": inputs, "grasps": count, "experiment": ours, "method": experiments[ours].method.label}
         row |= error_columns("error", found, ours, resamples) | error_columns("retrieval", found, theirs, resamples)
         ratio = found.estimate([ours, theirs], lambda means: means[..., 0] / means[..., 1], resamples).within(0)
         row |= interval_columns("ratio", ratio) | {"ratio_median": found.median([ours]) / found.median([theirs])}
@@ -220,8 +225,8 @@ def grasp_selection(selections: Frame, experiments: Experiments, split="test", r
     rows = []
     for (name, strategy), keys in chosen.items():
         experiment = experiments[name]
-        row: dict[str, Any] = {"source": "measured", "method": methods.label(experiment)}
-        row |= {"input": methods.input_label(experiment), "strategy": strategy}
+        row: dict[str, Any] = {"source": "measured", "method": experiment.method.label}
+        row |= {"input": experiment.input_label, "strategy": strategy}
         for count, key in keys.items():
             row |= error_columns(f"grasps_{count}", found, key, resamples)
         first, *_, last = keys.values()
@@ -251,7 +256,7 @@ def setups(experiments: Experiments) -> dict[tuple[str, str], dict[int, str]]:
     """Experiments by their method and inputs: (method, input) -> {number of grasps: name}, in the order given."""
     found: dict[tuple[str, str], dict[int, str]] = {}
     for name, experiment in experiments.items():
-        key = methods.label(experiment), methods.input_label(experiment)
+        key = experiment.method.label, experiment.input_label
         found.setdefault(key, {})[experiment.grasps] = name
     return found
 
@@ -259,7 +264,7 @@ def setups(experiments: Experiments) -> dict[tuple[str, str], dict[int, str]]:
 def _inputs(experiment: Experiment) -> dict[str, str]:
     """The columns with a row's method and its inputs."""
     vision = experiment.vision if experiment.has_vision else "–"
-    return {"method": methods.label(experiment), "vision": vision, "touch": "yes" if experiment.touch else "no"}
+    return {"method": experiment.method.label, "vision": vision, "touch": "yes" if experiment.touch else "no"}
 
 
 def _errors_by_class(table: str, evaluations: Frame, experiments: Experiments, split: str, resamples: int) -> Frame:
@@ -268,12 +273,12 @@ def _errors_by_class(table: str, evaluations: Frame, experiments: Experiments, s
     published = paper_values(table).set_index(["experiment", "class"])["value"]
     rows = [
         {"experiment": name, **_inputs(experiment)}
-        | _by_class(found, name, published, resamples)
+        | _by_class(found, name, experiment.stated_as, published, resamples)
         | size_columns(found, name)
         | {"weights": experiment.weights}
         for name, experiment in experiments.items()
     ]
-    return _finish(rows, split, found, STEPS_NOTE + methods.COMMUNICATION_NOTE)
+    return _finish(rows, split, found, STEPS_NOTE + COMMUNICATION_NOTE)
 
 
 def touch_errors(touches: Frame, split: str) -> Errors:
@@ -320,10 +325,10 @@ def selection_errors(
     return errors(named, [key for keys in chosen.values() for key in keys.values()], split, key="key"), chosen
 
 
-def _by_class(found: Errors, name: str, published: pd.Series, resamples: int) -> dict[str, float]:
-    """An experiment's measured columns and the published ones of its inputs: each class, then the average with its
-    median, and how far two seeds differ in it."""
-    row, stated = {}, methods.stated_as(name)
+def _by_class(found: Errors, name: str, stated: str, published: pd.Series, resamples: int) -> dict[str, float]:
+    """An experiment's measured columns and the published ones of the experiment `stated`: each class, then the average
+    with its median, and how far two seeds differ in it."""
+    row = {}
     for label in found.class_names:
         row |= interval_columns(label, found.of_class(label).estimate([name], resamples=resamples))
         row[f"{label}_paper"] = published.get((stated, label), np.nan)

@@ -24,9 +24,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from palpate.configuration import read_yaml
-from palpate.experiments import SPLITS, Comparison
-from palpate.results.methods import stated_as
-from palpate.results.published import paper_rows
+from palpate.experiments import SPLITS, Comparison, Experiment
+from palpate.results.published import paper_rows, terms
 from palpate.stages import STAGES
 
 Function = TypeVar("Function", bound=Callable)
@@ -174,16 +173,20 @@ def position(kind: str, name: str) -> tuple[int, str]:
     return products().index(found[0]) if found else len(products()), name
 
 
-def needed_splits(experiment: str, tables: Mapping[str, Comparison]) -> list[str]:
+def needed_splits(experiment: Experiment, tables: Mapping[str, Comparison]) -> list[str]:
     """The splits of which a table, a claim or a difference takes an experiment's errors; all if none does.
 
     tables: those of config/experiments.yaml.
     """
-    names = {experiment, stated_as(experiment)}  # ours take the paper's place in claims and differences
-    needed = {row["split"] for row in paper_rows("claims") if names & {*row["experiments"].split("; ")}}
+    names = {experiment.name, experiment.stated_as}  # ours take the paper's place in claims and differences
+
+    def are_in(*cells: str) -> bool:
+        return bool(names & {term.key for cell in cells for term in terms(cell)})
+
+    needed = {row["split"] for row in paper_rows("claims") if are_in(row["experiments"])}
     for product in products():
-        if product.comparison in tables and experiment in tables[product.comparison].by_name:
+        if product.comparison in tables and experiment.name in tables[product.comparison].by_name:
             needed |= set(product.needed_splits(tables))
-    if any(names & {row["experiment"], row["compared_with"]} for row in paper_rows("effects")):
+    if any(are_in(row["experiment"], row["compared_with"]) for row in paper_rows("effects")):
         needed |= set(SPLITS)
     return [split for split in SPLITS if split in needed or not needed]

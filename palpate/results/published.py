@@ -13,18 +13,18 @@
 | architectures | model, index | words |
 | contradictions | model, index | what in `architectures` contradicts itself, and what is meant |
 | claims | claim, split | what decides each claim of the text: `palpate.results.claims` |
-| effects | experiment, compared_with | the differences that the text is about: `palpate.results.effects` |
+| effects | effect | the differences that the text is about: `palpate.results.effects` |
 | grasp_selection | strategy | share of the first error left after five chosen grasps, not of the paper |
 | abc | experiment | m^2 x 9000, of the authors' released models on their released ABC objects |
 """
 
 import csv
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from palpate.results.methods import COMMUNICATION, METHODS, exchanged, strategy_of
+from palpate.methods import METHODS, Method
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,6 +33,7 @@ FOLDER = Path(__file__).parent / "paper"
 
 # The tables whose rows are experiments of config/experiments.yaml; claims compare nothing else.
 OF_EXPERIMENTS = ("model_selection", "input_modalities", "grasps", "extrapolation")
+OURS = {method.name for method in METHODS.values() if method.stated_as}  # methods that are not the paper's
 
 
 def published_experiments(*tables: str) -> list[str]:
@@ -40,31 +41,85 @@ def published_experiments(*tables: str) -> list[str]:
     return list(dict.fromkeys(row["experiment"] for table in tables or OF_EXPERIMENTS for row in paper_rows(table)))
 
 
+class Term(NamedTuple):
+    """What a claim or a difference takes an average of, in their files with spaces between: a method and its inputs, as
+    in names of experiments, and a ring around touches; or `cloud`, the predicted local cloud."""
+
+    method: str
+    inputs: str = ""
+    ring: str = ""
+
+    @property
+    def experiment(self) -> str:
+        """Its experiment; empty for the cloud."""
+        return f"{self.method}_{self.inputs}" if self.inputs else ""
+
+    @property
+    def key(self) -> str:
+        """What its errors are called: `charts_occluded x1`."""
+        return " ".join(filter(None, (self.experiment or self.method, self.ring)))
+
+
+def terms(cell: str) -> tuple[Term, ...]:
+    """The terms of a cell, with "; " between."""
+    return tuple(Term(*term.split()) for term in cell.split("; "))
+
+
+def exchanged(papers: Sequence[Term], method: Method, known: Collection[str]) -> tuple[Term, ...] | None:
+    """Terms with a method in place of the paper's; None if it changes none, or the method has no experiment, among
+    those `known`, for one of them.
+
+    Vision alone stays where a method has no model of its own for it.
+    """
+    if not method.exchanged:
+        return tuple(papers)
+    own = []
+    for term in papers:
+        other = method.exchanged.get(term.method, term.method)
+        mine = term._replace(method=other or "")
+        lacks = other != term.method and mine.experiment not in known
+        if term.method in OURS or (lacks and (other is None or "touch" in term.inputs)):
+            return None
+        own.append(term if lacks else mine)
+    return tuple(own) if own != [*papers] else None
+
+
+def _of_methods(table: str, known: Collection[str], *columns: str) -> Iterator[tuple[Method, dict, Sequence, Sequence]]:
+    """For each method, the rows of a file whose experiments it has, with their terms as stated and as its own."""
+    for method in METHODS.values():
+        for row in paper_rows(table) if method.exchanged is not None else ():
+            papers = [term for column in columns for term in terms(row[column])]
+            if own := exchanged(papers, method, known):
+                yield method, row, papers, own
+
+
 def claims(known: Collection[str] = ()) -> list[dict[str, Any]]:
     """The rows of `paper/claims.csv` for the paper's method, and for each of ours whose experiments are among those
-    known; `experiments` are those of the method."""
-    judged = [method for method in METHODS if method != "mean"]
-    rows = [(method, row, row["experiments"].split("; ")) for method in judged for row in paper_rows("claims")]
-    found = [(method, row, exchanged(names, method, known)) for method, row, names in rows]
-    return [row | {"method": method, "experiments": names} for method, row, names in found if names]
+    known: `terms` are those of the method, `stated` the paper's."""
+    return [
+        row | {"method": method.name, "stated": papers, "terms": own}
+        for method, row, papers, own in _of_methods("claims", known, "experiments")
+        if method.name != "mean"
+    ]
 
 
 def claimed_experiments(known: Collection[str], *tables: str) -> list[str]:
     """The experiments, of all methods, that claims about these tables (if none: all) compare."""
-    named = [name for row in claims(known) if not tables or row["table"] in tables for name in row["experiments"]]
-    return list(dict.fromkeys(name.split(" x")[0] for name in named if strategy_of(name)))
+    named = [term.experiment for row in claims(known) if not tables or row["table"] in tables for term in row["terms"]]
+    return list(dict.fromkeys(filter(None, named)))
 
 
-def effects(experiments: Iterable[str]) -> list[dict[str, str]]:
-    """The rows of `paper/effects.csv`, for each of `METHODS`, whose two experiments are among those given."""
-    known, found = set(experiments), []
-    for method in METHODS:
-        for row in paper_rows("effects"):
-            pair = exchanged((row["experiment"], row["compared_with"]), method, known)
-            if pair and known.issuperset(pair):
-                effect = row["effect"].format(communication=COMMUNICATION.get(method))
-                found.append(row | {"effect": effect, "experiment": pair[0], "compared_with": pair[1]})
-    return found
+def effects(experiments: Iterable[str]) -> list[dict[str, Any]]:
+    """The rows of `paper/effects.csv`, for each method, whose two experiments are among those given; with the `method`
+    of the first, and as `stated` the paper's two."""
+    known, rows = set(experiments), []
+    for method, row, papers, own in _of_methods("effects", known, "experiment", "compared_with"):
+        one, other = (term.key for term in own)
+        if {one, other} <= known:
+            named = {"method": own[0].method, "experiment": one, "compared_with": other}
+            effect = row["effect"].format(communication=method.communication)
+            rows.append({"effect": effect, "stated": [term.key for term in papers], **named})
+    return rows
 
 
 def has_papers_classes(classes: Iterable[str]) -> bool:

@@ -7,7 +7,6 @@ import pandas as pd
 
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SELECTION_COLUMNS, TOUCH_COLUMNS
 from palpate.experiments import Experiment, Experiments
-from palpate.results.methods import stated_as
 from palpate.results.published import paper_values
 
 ROOT = Path(__file__).parents[2]
@@ -98,14 +97,14 @@ def published_means() -> dict[str, float]:
 def means_of_tables() -> dict[str, float]:
     """Those of the paper, and for other experiments of a table those of the paper's same inputs."""
     means = published_means()
-    of_tables = [each.name for table in DECLARED.tables.values() for each in table.experiments]
-    return means | {name: means.get(stated_as(name), 1.0) for name in of_tables}
+    of_tables = [each for table in DECLARED.tables.values() for each in table.experiments]
+    return means | {each.name: means.get(each.stated_as, 1.0) for each in of_tables}
 
 
 def published_rings() -> dict[tuple[str, int], float]:
     """Those of the paper; for other experiments of its table those of the same inputs, or of vision alone."""
     paper = {(row.experiment, row.ring): row.value for row in paper_values("extrapolation").itertuples()}
     rings = {(name, ring) for name in of_table("extrapolation") for _, ring in paper}
-    same = {key: (stated_as(key[0]), key[1]) for key in rings}
+    same = {key: (EXPERIMENTS[key[0]].stated_as, key[1]) for key in rings}
     alone = {key: (key[0].replace("no_comm", "charts").removesuffix("_touch"), key[1]) for key in rings}
     return paper | {key: paper.get(same[key]) or paper.get(alone[key], 5e-5) for key in sorted(rings)}

@@ -5,7 +5,7 @@ import pytest
 from palpate.evaluation.rows import EvaluationError
 from palpate.results.bootstrap import Estimate
 from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, _groups, claims, decide, verdict
-from palpate.results.published import paper_rows, paper_values, published_experiments
+from palpate.results.published import paper_rows, paper_values, published_experiments, terms
 from tests.evaluation import synthetic
 
 MEANS = synthetic.published_means()
@@ -154,13 +154,13 @@ def test_a_method_without_all_experiments_of_a_claim_is_not_judged_by_it():
     named = {claim.claim: claim.experiments for claim in claims(known) if claim.method == "pooled"}
     assert "Touch improves occluded vision (charts)" in named
     assert not [claim for claim in named if "grasps" in claim or "Touch alone" in claim]
-    assert named["Communication between charts helps (occluded vision)"] == (
+    assert named["Communication between charts helps (occluded vision)"] == [
         "pooled_occluded_touch",
         "no_comm_occluded_touch",
-    )
+    ]
     # Vision alone is the paper's where ours has none.
     without = {claim.claim: claim.experiments for claim in claims(known - {"pooled_occluded"})}
-    assert without["Touch improves occluded vision (charts)"] == ("pooled_occluded_touch", "charts_occluded")
+    assert without["Touch improves occluded vision (charts)"] == ["pooled_occluded_touch", "charts_occluded"]
 
 
 def test_a_group_holds_if_all_its_claims_do():
@@ -244,7 +244,7 @@ def test_claims_of_the_model_selection_compare_the_rows_that_the_paper_names():
     named |= {(1, 5), (2, 6), (3, 7), (4, 8), (9, 11), (10, 12)} | {(4, 10), (8, 12), (1, 9), (5, 11)}
     rows = pd.DataFrame(paper_rows("claims"))
     rows = rows[(rows["table"] == "model_selection") & (rows["parameters"] == "1 -1")]
-    assert {tuple(number[name] for name in pair.split("; ")) for pair in rows["experiments"]} == named
+    assert {tuple(number[term.experiment] for term in terms(pair)) for pair in rows["experiments"]} == named
 
 
 def test_seeds_that_differ_leave_a_difference_undecided():

@@ -43,7 +43,7 @@ def test_a_function_is_all_that_a_table_needs(own):
     assert find("figures", "worst_objects") is None and caption("figures", "worst_objects") == ""
     # The split that it names is needed beside those of claims.
     assert product.needed_splits(DECLARED.tables) == ("validation",)
-    assert needed_splits("charts_touch_3", DECLARED.tables) == ["validation", "test"]
+    assert needed_splits(DECLARED.experiments["charts_touch_3"], DECLARED.tables) == ["validation", "test"]
 
 
 def test_a_field_in_a_name_is_one_in_its_caption(own):

@@ -4,10 +4,11 @@ import pandas as pd
 import pytest
 
 from palpate.experiments import SPLITS, Comparison, Experiment
+from palpate.methods import METHODS
 from palpate.results.claims import decide
 from palpate.results.effects import touch_effect
 from palpate.results.products import needed_splits
-from palpate.results.published import paper_values, published_experiments
+from palpate.results.published import exchanged, paper_values, published_experiments, terms
 from tests.evaluation import synthetic
 from tests.evaluation.synthetic import DECLARED
 
@@ -60,14 +61,15 @@ def test_every_row_says_where_it_stands():
 def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_needed():
     means = synthetic.published_means()
     measured = synthetic.evaluations(means, each=3)
-    kept = [row.split in needed_splits(row.experiment, DECLARED.tables) for row in measured.itertuples()]
+    needed = {name: needed_splits(DECLARED.experiments[name], DECLARED.tables) for name in means}
+    kept = [row.split in needed[row.experiment] for row in measured.itertuples()]
     of_needed = measured[kept]
     assert 0 < len(of_needed) < len(measured)
     rings, touches = synthetic.rings(synthetic.published_rings(), each=3), synthetic.touches(0.01, each=3)
     for make in (lambda rows: decide(rows, rings, touches, resamples=50), lambda rows: touch_effect(rows, 50)):
         pd.testing.assert_frame_equal(make(of_needed), make(measured))
     for name, table in DECLARED.tables.items():
-        for experiment in table.by_name:
+        for experiment in table.experiments:
             assert table.split in needed_splits(experiment, DECLARED.tables), name
 
 
@@ -85,4 +87,36 @@ def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_nee
 def test_a_split_is_needed_by_a_table_a_claim_or_a_difference(experiment, tables, splits):
     made = Experiment(experiment, strategy="charts", vision="none", touch=True, grasps=1)
     declared = {name: Comparison(name, split, (made,)) for name, split in tables.items()}
-    assert needed_splits(experiment, declared) == list(splits)
+    assert needed_splits(made, declared) == list(splits)
+
+
+KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "template_occluded_touch", "cloud")
+KNOWN += ("pooled_unoccluded", "sphere_occluded_touch")
+
+
+@pytest.mark.parametrize(
+    ("papers", "method", "own"),
+    [
+        ("charts occluded_touch; charts occluded", "charts", "charts occluded_touch; charts occluded"),
+        ("charts occluded_touch x1; cloud", "pooled", "pooled occluded_touch x1; cloud"),
+        ("charts occluded_touch; charts occluded", "pooled", "pooled occluded_touch; charts occluded"),
+        ("charts occluded_touch; no_comm occluded_touch", "template", None),  # of no other use than the charts'
+        ("charts occluded; charts occluded", "pooled", None),  # the same as the paper's
+        ("charts touch", "pooled", None),  # not known
+        ("charts unoccluded", "pooled", "pooled unoccluded"),
+        ("charts occluded_touch x2", "pooled", "pooled occluded_touch x2"),
+        (
+            "charts occluded_touch; sphere occluded_touch; charts unoccluded",
+            "pooled",
+            "pooled occluded_touch; sphere occluded_touch; pooled unoccluded",
+        ),
+        ("pooled occluded_touch; charts occluded_touch", "template", None),  # compares methods already
+    ],
+)
+def test_experiments_are_exchanged_whole_or_not(papers, method, own):
+    assert exchanged(terms(papers), METHODS[method], KNOWN) == (own and terms(own))
+
+
+def test_terms_are_called_as_their_errors():
+    assert [term.key for term in terms("charts occluded x1; cloud")] == ["charts_occluded x1", "cloud"]
+    assert [term.experiment for term in terms("no_copy occluded_touch x1; cloud")] == ["no_copy_occluded_touch", ""]

@@ -1,9 +1,6 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-import yaml
 from PIL import Image
 
 from palpate.architectures import Architecture
@@ -16,9 +13,9 @@ from palpate.models.templates import Templates
 from palpate.results import products
 from palpate.results import reconstructions as figure
 from palpate.results.dataset_figures import clay
+from tests.evaluation.synthetic import DECLARED
 from tests.models.batches import SMALL
 
-PROJECT = Path(__file__).parents[2]
 EXPERIMENTS = {
     each.name: each for each in (Experiment("template_touch_any", "template", "none", True, 2, fewer_grasps=True),)
 }
@@ -116,8 +113,7 @@ def test_renders_are_from_the_images_camera(dataset, models, tmp_path, small, mo
 
 
 def test_every_column_has_an_experiment_and_its_model_in_the_rule():
-    known = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"]
-    assert set(figure.MODELS) <= set(known)
+    assert set(figure.MODELS) <= set(DECLARED.experiments)
     product, _ = products.find("figures", "reconstructions")
     assert product.models == tuple(figure.MODELS)
 

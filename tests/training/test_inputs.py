@@ -82,7 +82,7 @@ def test_touch_comes_in_one_way():
 
 
 def test_every_array_is_the_contracts_and_is_taken_by_some_and_only_the_truth_by_all():
-    for item in INPUTS:
+    for item in INPUTS.values():
         assert set(item.array.split(", ")) <= set(CONTRACT[item.stage].arrays)
         taken = {item in inputs(experiment, training=True) for experiment in EXPERIMENTS.values()}
         assert taken == ({True} if item.name == "points" else {True, False}), item.name

@@ -7,10 +7,10 @@ import pytest
 import yaml
 
 from palpate.results.published import effects
+from tests.evaluation.synthetic import DECLARED, EXPERIMENTS
 from tests.workflow.conftest import PROJECT, run_snakemake
 
-DECLARED = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
-SETUPS, GRASPS = DECLARED["experiments"], DECLARED["tables"]["grasps"]["experiments"]
+GRASPS = DECLARED.tables["grasps"].by_name
 
 
 @pytest.fixture
@@ -34,12 +34,12 @@ def declared(project, change) -> None:
 
 def trained(names) -> set[str]:
     """The models that experiments are evaluated with."""
-    return {SETUPS[name].get("weights", name) for name in names}
+    return {EXPERIMENTS[name].trained for name in names}
 
 
 def models(names) -> set[str]:
     """Those of them that are models: not retrieval, which is measured only."""
-    return {name for name in trained(names) if SETUPS[name]["strategy"] != "retrieval"}
+    return {name for name in trained(names) if EXPERIMENTS[name].is_trained}
 
 
 def counts(project, *targets) -> dict[str, int]:
@@ -52,7 +52,7 @@ def counts(project, *targets) -> dict[str, int]:
 
 def test_a_table_trains_and_measures_just_its_experiments(project):
     table = counts(project, "tables/model_selection.csv")
-    names = DECLARED["tables"]["model_selection"]["experiments"]
+    names = DECLARED.tables["model_selection"].by_name
     assert (table["reconstruction"], table["evaluate"], table["table"]) == (len(models(names)), len(trained(names)), 1)
     assert not {"views", "rings", "evaluate_touch"} & set(table)
     local = counts(project, "tables/local_touch_charts.csv")
@@ -66,10 +66,10 @@ def test_a_table_trains_and_measures_just_its_experiments(project):
 
 def test_effects_take_the_experiments_that_are_compared(project):
     found = counts(project, "tables/touch_effect.csv")
-    compared = {row[key] for row in effects(SETUPS) for key in ("experiment", "compared_with")}
+    compared = {row[key] for row in effects(EXPERIMENTS) for key in ("experiment", "compared_with")}
     assert found["evaluate"] == len(trained(compared)) > 12 and "evaluate_rings" not in found
     quality = counts(project, "tables/surface_quality.csv")
-    assert quality["evaluate"] == len(trained(DECLARED["tables"]["input_modalities"]["experiments"]))
+    assert quality["evaluate"] == len(trained(DECLARED.tables["input_modalities"].by_name))
     assert quality["table"] == 1
 
 
@@ -77,11 +77,8 @@ def test_every_seed_is_trained_and_measured(project):
     more = project / "more.yaml"
     more.write_text("training: {seeds: [0, 3]}\n")
     table = counts(project, "tables/extrapolation.csv", "--configfile", str(more))
-    assert (
-        table["evaluate_rings"]
-        == table["reconstruction"]
-        == 2 * len(trained(DECLARED["tables"]["extrapolation"]["experiments"]))
-    )
+    names = trained(DECLARED.tables["extrapolation"].by_name)
+    assert table["evaluate_rings"] == table["reconstruction"] == 2 * len(names)
     table, names = counts(project, "tables/grasps.csv", "--configfile", str(more)), GRASPS
     assert table["reconstruction"] == 2 * len(models(names))
     assert table["evaluate"] == 2 * len(models(names)) + len(trained(names) - models(names))
@@ -90,9 +87,14 @@ def test_every_seed_is_trained_and_measured(project):
 def test_a_table_that_is_not_declared_is_not_built(project):
     def grasps_only(held):
         held["tables"] = {"grasps": held["tables"]["grasps"]}
-        names = [*held["tables"]["grasps"]["experiments"]]
-        names += trained(names) - {*names}
-        held["experiments"] = {name: held["experiments"][name] for name in names}
+        names = {*GRASPS} | trained(GRASPS)
+        held["experiments"] = [
+            {"method": each.method.name, "name": name}
+            | {key: getattr(each, key) for key in ("vision", "touch", "grasps", "fewer_grasps")}
+            | ({"weights": each.weights} if each.weights else {})
+            for name, each in EXPERIMENTS.items()
+            if name in names
+        ]
 
     declared(project, grasps_only)
     # Of `all`, figures of models that are not declared are not the tables' matter: ask for the tables.
@@ -106,13 +108,31 @@ def test_a_table_that_is_not_declared_is_not_built(project):
         assert result.returncode and message in result.stdout + result.stderr
 
 
+def test_an_experiment_of_ones_own_is_trained_and_stands_in_a_table(project):
+    def with_mine(held):
+        mine = {"name": "wider", "method": "charts", "vision": "occluded", "touch": True}
+        held["experiments"] += [mine | {"architecture": {"gcn": {"width": 96}}}]
+        held["experiments"] += [{"method": "template", "vision": "occluded", "touch": True, "grasps": [2, 3]}]
+        held["tables"]["input_modalities"]["experiments"] += ["wider"]
+
+    declared(project, with_mine)
+    assert counts(project, "models/wider/seed-0/best.ckpt")["reconstruction"] == 1
+    assert counts(project, "models/template_occluded_touch_3/seed-0/best.ckpt")["reconstruction"] == 1
+    names = DECLARED.tables["input_modalities"].by_name
+    assert counts(project, "tables/input_modalities.csv")["reconstruction"] == len(models(names)) + 1
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda held: held["tables"].update(grasp=held["tables"].pop("grasps")), "no table is called grasp;"),
         (
             lambda held: held["tables"]["grasps"]["experiments"].append("charts_smell"),
-            "table grasps has experiment charts_smell, which is not defined",
+            "table grasps has an experiment with name: charts_smell, and none is defined",
+        ),
+        (
+            lambda held: held["tables"]["grasps"]["experiments"][0]["method"].append("telepathy"),
+            "table grasps has an experiment with method: telepathy, and none is defined",
         ),
         (lambda held: held["tables"]["grasps"].update(split="train"), "tested on validation or test"),
     ],

@@ -10,6 +10,7 @@ from snakemake.utils import update_config
 
 from palpate.catalogue import assign_split
 from palpate.configuration import ConfigError, check
+from palpate.experiments import Experiments
 from workflow.schemas import document
 
 PROJECT = Path(__file__).parents[2]
@@ -151,15 +152,13 @@ def test_all_mistakes_are_said_at_once():
 
 
 def test_experiments_are_valid_and_tables_name_only_what_exists():
-    experiments = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
-    check(experiments, PROJECT / "workflow/schemas/experiments.schema.yaml", "experiments.yaml")
-    named = {name for table in experiments["tables"].values() for name in table["experiments"]}
-    weights = {row["weights"] for row in experiments["experiments"].values() if "weights" in row}
-    assert named | weights == set(experiments["experiments"])
-    ours = [
-        name.startswith(("pooled", "template", "retrieval", "mean"))
-        for name in experiments["tables"]["model_selection"]["experiments"]
-    ]
+    declared = Experiments.read(
+        PROJECT / "config/experiments.yaml", PROJECT / "workflow/schemas/experiments.schema.yaml"
+    )
+    named = {name for table in declared.tables.values() for name in table.by_name}
+    weights = {experiment.trained for experiment in declared.experiments.values()}
+    assert named | weights == set(declared.experiments)
+    ours = [each.method.whose != "paper" for each in declared.tables["model_selection"].experiments]
     assert ours == sorted(ours) and ours.count(False) == 12  # the paper's rows
 
 

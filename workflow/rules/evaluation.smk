@@ -43,7 +43,7 @@ rule evaluate:
     params:
         experiments=lambda wildcards: [(each.name, each.row()) for each in evaluated(wildcards)],
         splits=lambda wildcards: {
-            each.name: products.needed_splits(each.name, EXPERIMENTS.tables) for each in evaluated(wildcards)
+            each.name: products.needed_splits(each, EXPERIMENTS.tables) for each in evaluated(wildcards)
         },
         points=config["evaluation"]["points"],
         device=config["training"]["device"],

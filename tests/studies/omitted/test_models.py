@@ -80,7 +80,7 @@ def test_a_needless_part_with_weight_changes_vertices():
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_all_arrays_give_the_same_samples_in_the_same_order(made, experiment):  # noqa: F811
-    every = [item for item in INPUTS if item.stage != "templates"]  # which this fixture has not
+    every = [item for item in INPUTS.values() if item.stage != "templates"]  # which this fixture has not
     dataset = Dataset(made[0], {item.stage for item in every})
     less, more = (ExperimentData.read(dataset, arrays) for arrays in (inputs(experiment), every))
     assert set(less.arrays) < set(more.arrays)
