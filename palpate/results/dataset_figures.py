@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
 
 from palpate.dataset.reader import Dataset, GraspRecord
 from palpate.results import products
@@ -17,9 +18,9 @@ from palpate.results.page import COLOURS, picture_grid, save, save_sentence, sty
 SITE_COLOURS = [COLOURS[number] for number in (1, 0, 2, 3, 4, 5)]  # in the order of the sensors
 SITE_POINT = 1.6  # points, diameter of a touched point as drawn, larger than it is
 SITE_STRIDE = 13  # of touched points, those drawn
-SITE_DEPTH = 0.005  # m: a point so far behind what the camera saw is hidden; images have depths of pixels' centres
+BEHIND = 2  # widths of a pixel: a point so far behind what the camera saw at its pixel's centre is hidden
 HIDDEN = 0.2  # opacity of such a point
-PALE = 0.45  # of the darkness of an image under touched points
+PALE = 0.45  # opacity of an image under touched points
 MARGIN = 1.1  # of the part of an image that is shown, over the object
 EXAMPLES = 6  # objects on a sheet
 CANDIDATES = 60  # grasps looked at for the data point
@@ -90,12 +91,13 @@ def draw_reading(axes: Axes, reading: np.ndarray, touched: bool, sensor: int) ->
 def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
     """The touched points on the image of the object alone, pale and grey, as its camera sees them."""
     alone, camera = grasp.object, grasp.object.vision_camera
-    grey = 255 - PALE * (255 - alone.unoccluded[..., :3].mean(axis=-1))
-    axes.imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="antialiased")
+    grey = Image.fromarray(alone.unoccluded).convert("LA").convert("RGBA")
+    axes.imshow(grey, alpha=PALE, interpolation="antialiased")
     for sensor in np.flatnonzero(grasp.success):
         pixels, depth = camera.project(grasp.points[sensor][::SITE_STRIDE])
         column, row = np.clip(np.nan_to_num(pixels).astype(int), 0, camera.size - 1).T
-        opacity = np.where(depth > alone.unoccluded_depth[row, column] + SITE_DEPTH, HIDDEN, 1)
+        behind = depth - alone.unoccluded_depth[row, column] > BEHIND * depth / camera.focal_length
+        opacity = np.where(behind, HIDDEN, 1)
         drawn = {"s": SITE_POINT**2, "color": _site_colour(sensor), "linewidths": 0}
         axes.scatter(*(pixels - 0.5).T, alpha=opacity, **drawn)  # the first pixel's centre is at 0
     seen = np.argwhere(alone.unoccluded_mask)
