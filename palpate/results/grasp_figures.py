@@ -69,21 +69,24 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: i
 def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
     """A closing hand, with what its sensors read, slowed down: frames of the grasp of the data point.
 
-    threads: of the CPU, samples: a pixel, for the renderer; a frame, which passes in a moment, gets half of them.
+    threads: of the CPU, samples: a pixel, for the renderer; a frame, which passes in a moment, gets a quarter of them.
     """
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
     frames, pages = grasp.frames, []
-    chosen, renderer = evenly(len(frames.time), FRAMES), Renderer(max(samples // 2, 1), threads=threads)
+    chosen, renderer = evenly(len(frames.time), FRAMES), Renderer(max(samples // 4, 1), threads=threads)
     _, *pictures = rendered(grasp, np.asarray(frames.link_pose)[chosen], PIXELS, renderer)
+    figure, ((picture, *readings),) = picture_grid(["0.00 s"], ("", *(grasp.sensors if frames.has_touch else ())))
     for number, image in zip(chosen, pictures, strict=True):
-        sensors = grasp.sensors if frames.has_touch else ()
-        figure, ((picture, *readings),) = picture_grid([f"{frames.time[number]:.2f} s"], ("", *sensors))
+        picture.set_ylabel(f"{frames.time[number]:.2f} s")
         picture.imshow(image)
         for sensor, panel in enumerate(readings):
             draw_reading(panel, frames.reading[number, sensor], frames.success[number, sensor], sensor)
         pages.append(figure_image(figure))
+        figure.set_layout_engine("none")  # all pages are laid out as the first is
+        for panel in figure.axes:
+            panel.images[0].remove()
     palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
     first, *others = (page.quantize(palette=palette) for page in pages)
     times = [PAUSE] * len(others) + [REST]
