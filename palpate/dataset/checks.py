@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -85,23 +85,19 @@ class CheckedObject:
         return mesh
 
     @cached_property
-    def record(self) -> dict[str, Any]:
-        """What the mesh's `mesh.json` says; empty if it has none."""
-        return read_record(self.folder)
-
-    @cached_property
     def diagonal(self) -> float:
         """What the mesh's bounding box should measure from corner to corner, m: of an object that keeps its size, the
         source file's box at the scale that the object was given."""
-        if self.record.get("source", {}).get("scale", "diagonal") == "diagonal":
+        record = read_record(self.folder)
+        if record.get("source", {}).get("scale", "diagonal") == "diagonal":
             return DIAGONAL
-        low, high = np.array(self.record["source"]["bounding_box"])
-        return self.record["scale"] * float(np.linalg.norm(high - low))
+        low, high = np.array(record["source"]["bounding_box"])
+        return record["scale"] * float(np.linalg.norm(high - low))
 
     @cached_property
     def see_through(self) -> bool:
         """Whether the mesh has transparent materials; False if its record does not state it."""
-        return self.record.get("visual.glb", {}).get("see_through", False)
+        return read_record(self.folder).get("visual.glb", {}).get("see_through", False)
 
     @cached_property
     def _surface(self) -> "Surface":

@@ -4,10 +4,9 @@ import csv
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -184,18 +183,12 @@ class _Batch:
         return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
-def check_files(
-    run: Run,
-    batch: str,
-    stages: Sequence[str] | None = None,
-    others: bool = True,
-    opened: Mapping[str, Store] = MappingProxyType({}),
-) -> list[Finding]:
+def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, others: bool = True) -> list[Finding]:
     """Compare all files of a batch with their checksums, and the stores with what they were made from.
 
     Compared are meshes, the stores of `stages`, by default those of the run's dataset, and `others` that are there.
-    opened: the stores that have been opened. `where` of a finding of files that passed is the digest of what they held:
-    as long as it stays, so does everything that was found in their values.
+    `where` of a finding of files that
+    passed is the digest of what they held: as long as it stays, so does everything that was found in their values.
     """
     folder, findings, made, stages = run.folder, [], [], stages or run.asked_stores
     paths = {name: folder / stage.path(batch) for name, stage in STAGES.items()}
@@ -205,7 +198,7 @@ def check_files(
         value, where = 0, ""
         try:
             if stage in CONTRACT:
-                store = opened.get(stage) or Store(path)
+                store = Store(path)
                 store.verify()
                 where = store.digest
                 made.append(store.made)
@@ -255,7 +248,7 @@ def validate_batch(
     stored = {name for objects in checked.objects.values() for name in objects}
     for name in [name for name in checked.catalogue if name in stored]:
         checked.check_object(name, hand, sensor)
-    return [*check_files(run, batch, stages, others, checked.stores), *checked.findings]
+    return [*check_files(run, batch, stages, others), *checked.findings]
 
 
 def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
