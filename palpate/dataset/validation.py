@@ -137,7 +137,7 @@ class _Batch:
         if "touch" not in self.stores:
             return
         with self.reading("touch"):
-            stored, expected = self.stores["touch"].get("empty_reading").astype(int), empty_reading(sensor)
+            stored, expected = self.stores["touch"].empty_reading.astype(int), empty_reading(sensor)
             same = stored.shape == expected.shape
             self.add("empty reading", "touch", np.abs(stored - expected).max() if same else np.inf)
 

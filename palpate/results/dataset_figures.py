@@ -1,7 +1,7 @@
-"""Figures of a run's dataset: one data point, sheets of examples, steps and closing of a grasp. Blender renders.
+"""Figures of a run's dataset: one data point and sheets of examples, which show what is stored; steps and closing of a
+grasp, which Blender renders. It is loaded when it is needed, and so is embree, which must come after it.
 
-Import it before anything that loads embree (trimesh does), because it loads Blender. A dataset, or a class, without
-objects gives a figure that says so.
+A dataset, or a class, without objects gives a figure that says so.
 """
 
 from collections.abc import Sequence
@@ -10,31 +10,31 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from PIL import Image
 
-from palpate.vision import blender
+from palpate import vision
+from palpate.camera import Camera, looking_at
+from palpate.dataset.reader import Dataset, GraspRecord, ObjectRecord
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual
+from palpate.results import products
+from palpate.results.hand_sheet import posed_geoms
+from palpate.results.page import COLOURS, figure_image, picture_grid, save, save_sentence, styled
+from palpate.scene import Scene
 
-blender.load()
-
-from palpate.camera import Camera, looking_at  # noqa: E402  (Blender comes before what loads embree)
-from palpate.dataset.reader import Dataset, GraspRecord, ObjectRecord  # noqa: E402
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file  # noqa: E402
-from palpate.results import products  # noqa: E402
-from palpate.results.hand_sheet import posed_geoms  # noqa: E402
-from palpate.results.page import COLOURS, figure_image, picture_grid, save, save_sentence, styled  # noqa: E402
-from palpate.surface.embree import RayMesh  # noqa: E402
-from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
-
-CLAY = (0.93, 0.92, 0.90)  # sRGB of a surface without its materials
-POINT = 0.004  # m, radius of a surface point, where there is no mesh
 SITE_COLOURS = [COLOURS[number] for number in (1, 0, 2, 3, 4, 5)]  # in the order of the sensors
-SITE_POINT, SITE_STRIDE = 0.004, 13  # m, radius of a touched point as drawn, larger than it is; of points, those drawn
+SITE_POINT = 1.6  # points, diameter of a touched point as drawn, larger than it is
+SITE_STRIDE = 13  # of touched points, those drawn
+BEHIND = 2  # widths of a pixel: a point so far behind what the camera saw at its pixel's centre is hidden
+HIDDEN = 0.2  # opacity of such a point
+PALE = 0.45  # opacity of an image under touched points
+MARGIN = 1.1  # of the part of an image that is shown, over the object
 EXAMPLES = 6  # objects on a sheet
 CANDIDATES = 60  # grasps looked at for the data point
-PIXELS, STEP_PIXELS = 240, 420  # of a surface, of a step of a grasp
+PIXELS, STEP_PIXELS = 208, 364  # of a frame of a closing, of a step of a grasp: as many as the figures' panels have
+FRAMES = 20  # at most, of a closing
 DISTANCE = 2.2  # m from what is looked at to the camera
-MARGIN = 1.04  # of the field of view over what it must hold
+HOLDING = 1.04  # of the field of view over what it must hold
 AZIMUTHS, ELEVATION = range(0, 360, 30), 25  # degrees, of the views that are looked at
 LIFT = 0.001  # m: how far off a surface a ray to the camera starts
 BACK = 0.2  # m from the hand that is loaded to where it is placed
@@ -49,39 +49,39 @@ STEPS = (
 
 @products.figure(stores=("dataset",), category="Dataset", simulated=True)
 @styled
-def data_point(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 32) -> None:
+def data_point(dataset: Dataset, path: Path | str) -> None:
     """One data point: the camera's image of the object alone, and of the object in the hand; what the touch sensors
-    read (faded where a sensor touched nothing); and the object's surface with the touched points in the colours of
-    their readings, seen from where most of these points are in sight.
+    read (faded where a sensor touched nothing); and the touched points on the object, in the colours of their readings
+    (faint where the object hides them from the camera).
 
-    The grasp is the one that `example_grasp` picks. threads: of the CPU, samples: a pixel, for the renderer.
+    The grasp is the one that `example_grasp` picks.
     """
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
-    save(_sheet([grasp], Renderer(samples=samples, threads=threads)), path)
+    save(_sheet([grasp]), path)
 
 
 @products.figure(name="examples_{class_name}", stores=("dataset",), category="Dataset", simulated=True)
 @styled
-def examples(dataset: Dataset, class_name: str, path: Path | str, threads: int = 1, samples: int = 32) -> None:
+def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
     """Examples of class {class_name}, taken evenly from its objects and not chosen: images, readings of the sensors
-    (faded where a sensor touched nothing), and the surface with the touched points in the colours of their readings.
+    (faded where a sensor touched nothing), and the touched points on the object, in the colours of their readings
+    (faint where the object hides them from the camera).
 
-    A row an object, each with another of its grasps: the first object's first, the second's second, ... threads: of
-    the CPU, samples: a pixel, for the renderer.
+    A row an object, each with another of its grasps: the first object's first, the second's second, ...
     """
     objects = dataset.of_class(class_name).objects if class_name in dataset.classes else []
     if not objects:
         return save_sentence(f"No usable object of class {class_name} in this run", path)
     chosen = [dataset[objects[number]].grasps for number in _evenly(len(objects), EXAMPLES)]
     grasps = [of_object[row % len(of_object)] for row, of_object in enumerate(chosen)]
-    save(_sheet(grasps, Renderer(samples=samples, threads=threads)), path)
+    save(_sheet(grasps), path)
 
 
 @products.figure(stores=("dataset",), category="Dataset", simulated=True)
 @styled
-def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 32) -> None:
+def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
     """The steps of a grasp: the object; the hand, loaded open; its palm placed tangent to a random point of the
     surface, at a random distance and turned at random; its fingers, driven towards the surface by inverse kinematics,
     stopped by contact. Steps 3 and 4 are a stored grasp, the same as the data point's.
@@ -94,16 +94,10 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: i
     hand, loaded = grasp.object.hand, grasp.palm_pose.copy()
     loaded[:3, 3] -= BACK * (grasp.palm_pose @ hand.palm_anchor)[:3, 0]
     opened = [hand.forward(palm, hand.open_joint_positions) for palm in (loaded, grasp.palm_pose)]
-    poses = (None, *opened, grasp.link_pose)
-    drawn = [hand_points(hand, pose) for pose in poses[1:]]
-    points, towards = np.concatenate([grasp.object.points, *drawn]), clear_view(grasp.object, drawn[-1])
-    camera = camera_holding(points, towards, STEP_PIXELS)
-    renderer = Renderer(samples=samples, threads=threads)
-    seen = {"visual_glb": mesh_file(grasp.object.mesh, "visual.glb"), "camera": camera}
     figure, (panels,) = picture_grid([""], STEPS, cell=2.8)
-    for panel, pose in zip(panels, poses, strict=True):
-        image = renderer.render_meshes(**seen, hand=None if pose is None else hand, link_pose=pose)
-        panel.imshow(image.rgb, interpolation="antialiased")
+    pictures = rendered(grasp, np.array([*opened, grasp.link_pose]), STEP_PIXELS, samples, threads)
+    for panel, picture in zip(panels, pictures, strict=True):
+        panel.imshow(picture, interpolation="antialiased")
     save(figure, path)
 
 
@@ -111,27 +105,27 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: i
     form="gif", stores=("surface", "grasps", "touch", "frames", "vision"), category="Dataset", simulated=True
 )
 @styled
-def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 32) -> None:
-    """A closing hand, with what its sensors read, slowed down: the frames of the grasp of the data point.
+def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
+    """A closing hand, with what its sensors read, slowed down: frames of the grasp of the data point.
 
-    threads: of the CPU, samples: a pixel, for the renderer.
+    threads: of the CPU, samples: a pixel, for the renderer; a frame, which passes in a moment, gets a quarter of them.
     """
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
-    hand, frames = grasp.object.hand, grasp.frames
-    drawn = [hand_points(hand, frames.link_pose[number]) for number in (0, -1)]
-    points, towards = np.concatenate([grasp.object.points, *drawn]), clear_view(grasp.object, drawn[-1])
-    seen = {"visual_glb": mesh_file(grasp.object.mesh, "visual.glb"), "hand": hand}
-    seen["camera"] = camera_holding(points, towards, PIXELS)
-    renderer, pages = Renderer(samples=samples, threads=threads), []
-    for number, link_pose in enumerate(frames.link_pose):
-        sensors = grasp.sensors if frames.has_touch else ()
-        figure, ((picture, *readings),) = picture_grid([f"{frames.time[number]:.2f} s"], ("", *sensors))
-        picture.imshow(renderer.render_meshes(**seen, link_pose=link_pose).rgb)
+    frames, pages = grasp.frames, []
+    chosen = _evenly(len(frames.time), FRAMES)
+    _, *pictures = rendered(grasp, frames.link_pose[chosen], PIXELS, max(samples // 4, 1), threads)
+    figure, ((picture, *readings),) = picture_grid(["0.00 s"], ("", *(grasp.sensors if frames.has_touch else ())))
+    for number, image in zip(chosen, pictures, strict=True):
+        picture.set_ylabel(f"{frames.time[number]:.2f} s")
+        picture.imshow(image)
         for sensor, panel in enumerate(readings):
             _draw_reading(panel, frames.reading[number, sensor], frames.success[number, sensor], sensor)
         pages.append(figure_image(figure))
+        figure.set_layout_engine("none")  # all pages are laid out as the first is
+        for panel in figure.axes:
+            panel.images[0].remove()
     palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
     first, *others = (page.quantize(palette=palette) for page in pages)
     times = [PAUSE] * len(others) + [REST]
@@ -149,17 +143,24 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
     return max(candidates, key=lambda grasp: (grasp.occluded_mask > 0).mean())
 
 
-def clay(record: ObjectRecord) -> Mesh:
-    """The object's own surface, in clay; points of it for a dataset without meshes."""
-    if not (record.mesh / "visual.glb").exists():
-        return spheres(record.points, POINT, CLAY, segments=1)
-    mesh = load_visual(record.mesh)
-    return Mesh(mesh.vertices + OBJECT_POSITION, mesh.faces, CLAY)
+def rendered(grasp: GraspRecord, link_pose: np.ndarray, size: int, samples: int, threads: int) -> list[np.ndarray]:
+    """Pictures (size, size, 3) of a grasp's object, alone and with the hand in poses (n, L, 4, 4) of its links.
+
+    All are from one camera, which looks from where most of the hand in its last pose is in sight, and holds every pose.
+    """
+    hand, renderer = grasp.object.hand, vision.Renderer(samples, threads=threads)
+    drawn = [hand_points(hand, pose) for pose in link_pose]
+    points, towards = np.concatenate([grasp.object.points, *drawn]), clear_view(grasp.object, drawn[-1])
+    scene = Scene(grasp.object.mesh, hand, link_pose, camera=camera_holding(points, towards, size))
+    alone, held = renderer.render(scene)
+    return [image.rgb for image in (alone, *held)]
 
 
 def clear_view(record: ObjectRecord, points: np.ndarray) -> np.ndarray:
     """(3,) unit vector from the object to a camera: in the middle of the directions in which the object hides least of
     the points (n, 3), world frame."""
+    from palpate.surface.embree import RayMesh  # embree: after Blender
+
     mesh, tilt = RayMesh(load_visual(record.mesh)), np.radians(ELEVATION)
     turns = np.radians(AZIMUTHS)
     level = np.cos(tilt) * np.stack([np.cos(turns), np.sin(turns)], axis=1)
@@ -179,7 +180,7 @@ def camera_holding(points: np.ndarray, towards: np.ndarray, size: int) -> Camera
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     camera = looking_at(middle, middle + DISTANCE * towards, size)
     reach = np.abs(camera.project(points)[0] - size / 2).max()
-    return replace(camera, focal_length=camera.focal_length * size / 2 / (MARGIN * reach))
+    return replace(camera, focal_length=camera.focal_length * size / 2 / (HOLDING * reach))
 
 
 def hand_points(hand, link_pose: np.ndarray) -> np.ndarray:
@@ -187,16 +188,16 @@ def hand_points(hand, link_pose: np.ndarray) -> np.ndarray:
     return np.concatenate([points for points, _ in posed_geoms(hand, link_pose)])
 
 
-def _sheet(grasps: Sequence[GraspRecord], renderer: Renderer) -> Figure:
-    """A row a grasp: both images, the readings, and the surface with the touched points."""
+def _sheet(grasps: Sequence[GraspRecord]) -> Figure:
+    """A row a grasp: both images, the readings, and the touched points."""
     names = [f"{grasp.object.name}, grasp {grasp.number}" for grasp in grasps]
     figure, axes = picture_grid(names, ("unoccluded", "occluded", *grasps[0].sensors, "touched points"))
-    for grasp, (alone, held, *readings, surface) in zip(grasps, axes, strict=True):
+    for grasp, (alone, held, *readings, touched) in zip(grasps, axes, strict=True):
         alone.imshow(grasp.object.unoccluded, interpolation="antialiased")
         held.imshow(grasp.occluded, interpolation="antialiased")
         for sensor, panel in enumerate(readings):
             _draw_reading(panel, grasp.reading[sensor], grasp.success[sensor], sensor)
-        surface.imshow(_touched_surface(grasp, renderer), interpolation="antialiased")
+        _draw_touched(touched, grasp)
     return figure
 
 
@@ -206,17 +207,22 @@ def _draw_reading(axes: Axes, reading: np.ndarray, touched: bool, sensor: int) -
     axes.spines[:].set(visible=touched, color=_site_colour(sensor), linewidth=2.2)
 
 
-def _touched_surface(grasp: GraspRecord, renderer: Renderer) -> np.ndarray:
-    """(s, s, 3) picture of the object in clay with the touched points on it."""
-    body = clay(grasp.object)
-    sites = [
-        spheres(cloud[::SITE_STRIDE], SITE_POINT, to_rgb(_site_colour(sensor)), segments=1)
-        for sensor, cloud in enumerate(grasp.points)
-        if len(cloud)
-    ]
-    towards = clear_view(grasp.object, np.concatenate(grasp.points))
-    camera = camera_holding(np.asarray(body.vertices), towards, PIXELS)
-    return renderer.render_meshes([body, *sites], camera=camera).rgb
+def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
+    """The touched points on the image of the object alone, pale and grey, as its camera sees them."""
+    alone, camera = grasp.object, grasp.object.vision_camera
+    grey = Image.fromarray(alone.unoccluded).convert("LA").convert("RGBA")
+    axes.imshow(grey, alpha=PALE, interpolation="antialiased")
+    for sensor in np.flatnonzero(grasp.success):
+        pixels, depth = camera.project(grasp.points[sensor][::SITE_STRIDE])
+        column, row = np.clip(np.nan_to_num(pixels).astype(int), 0, camera.size - 1).T
+        behind = depth - alone.unoccluded_depth[row, column] > BEHIND * depth / camera.focal_length
+        opacity = np.where(behind, HIDDEN, 1)
+        drawn = {"s": SITE_POINT**2, "color": _site_colour(sensor), "linewidths": 0}
+        axes.scatter(*(pixels - 0.5).T, alpha=opacity, **drawn)  # the first pixel's centre is at 0
+    seen = np.argwhere(alone.unoccluded_mask)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    (y, x), reach = (low + high) / 2, MARGIN * (high - low).max() / 2
+    axes.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach))
 
 
 def _site_colour(sensor: int) -> str:

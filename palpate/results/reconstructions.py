@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.results.dataset_figures import clay  # isort: skip (it loads Blender, which comes before embree)
+from palpate.vision import Mesh, Renderer, spheres  # isort: skip (Blender: before anything that loads embree)
 from palpate.camera import paper_camera
 from palpate.dataset import Dataset
 from palpate.dataset.reader import ObjectRecord
 from palpate.evaluation.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Reconstructor, Shape, of_object
+from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results import products
 from palpate.results.local_predictions import first_test_objects
 from palpate.results.page import picture_grid, save, save_sentence, styled
-from palpate.vision import Mesh, Renderer
 
 # The models, the name of each over its columns, and the numbers of grasps in these.
 MODELS = {
@@ -26,6 +26,8 @@ MODELS = {
     "template_touch_any": ("touch only", (1, 2, 3, 4, 5)),
 }
 
+CLAY = (0.93, 0.92, 0.90)  # sRGB of a surface without its materials
+POINT = 0.004  # m, radius of a surface point, where there is no mesh
 SAMPLES = 16
 PIXELS = 360
 MARGIN = 1.06  # of a row's window, times what is in it
@@ -92,3 +94,11 @@ def window(pictures: Sequence[np.ndarray]) -> np.ndarray:
 def coloured(shape: Shape) -> Mesh:
     """A reconstruction with the charts of successful touches in another colour."""
     return Mesh(shape.vertices, shape.faces, np.where(shape.touch[:, None], TOUCH_COLOUR, VISION_COLOUR))
+
+
+def clay(record: ObjectRecord) -> Mesh:
+    """The object's own surface, in clay; points of it for a dataset without meshes."""
+    if not (record.mesh / "visual.glb").exists():
+        return spheres(record.points, POINT, CLAY, segments=1)
+    mesh = load_visual(record.mesh)
+    return Mesh(mesh.vertices + OBJECT_POSITION, mesh.faces, CLAY)

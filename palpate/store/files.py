@@ -162,10 +162,15 @@ class Store:
         return Made(self.path, self.attributes["stage"], self.digest, self.attributes["made_from"])
 
     @cached_property
+    def empty_reading(self) -> np.ndarray:
+        """(r, c, 3) uint8 reading of a sensor that touches nothing, of stores that have one."""
+        return self.get("empty_reading")
+
+    @cached_property
     def sensor(self) -> Sensor:
         """The touch sensor that it states. Raises StoreError, naming the file, if it states none."""
         try:
-            return Sensor.from_description(self.attributes["sensor"], self.get("empty_reading"))
+            return Sensor.from_description(self.attributes["sensor"], self.empty_reading)
         except (KeyError, ConfigError) as error:
             raise StoreError(f"{self.path} does not state its sensor ({error}); {rebuild_advice(self.path)}") from None
 

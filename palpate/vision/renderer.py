@@ -168,23 +168,20 @@ class Renderer:
     def render_meshes(
         self,
         meshes: Iterable[Mesh] = (),
-        visual_glb: Path | str | None = None,
         hand: Hand | None = None,
         link_pose: np.ndarray | None = None,
         camera: Camera | None = None,
         background: tuple[float, float, float] | None = WHITE,
     ) -> Image:
-        """Meshes, an object's file and a hand from any viewpoint, for figures; the mask has all but the hand.
+        """Meshes and a hand from any viewpoint, for figures; the mask has all but the hand. Files: `render`.
 
-        visual_glb: an object's file, at `palpate.mesh.OBJECT_POSITION`. link_pose: (L, 4, 4) of the hand's links.
-        camera: default, the paper's. background: linear RGB; None is transparent.
+        link_pose: (L, 4, 4) of the hand's links. camera: default, the paper's. background: linear RGB; None is
+        transparent.
         """
         self._take_hand(hand)
         with self._temporary_data():
             self._light(LIGHTS, OBJECT_POSITION)
             drawn = [np.zeros((0, 3))]
-            if visual_glb is not None:
-                drawn.append(self._import(Path(visual_glb), OBJECT_POSITION))
             for number, mesh in enumerate(meshes):
                 body = _link(self._scene, _blender_object(f"mesh-{number}", mesh, self._plastic))
                 body.pass_index = OBJECT_INDEX

@@ -371,6 +371,29 @@ def test_a_good_run_passes_every_check(run, pair):
     assert (report["where"] == "").all()
 
 
+def test_each_array_is_read_once(run, monkeypatch):
+    """Of arrays of objects each row is read, one at a time, of others all."""
+    add_frames(run)
+    reads, gets = [], palpate.store.Store.get
+
+    def getting(store, name, index=...):
+        reads.append((store.path, name, index))
+        return gets(store, name, index)
+
+    monkeypatch.setattr(palpate.store.Store, "get", getting)
+    monkeypatch.setattr(palpate.store.Store, "__getitem__", getting)
+    assert all(finding.ok for finding in validate_batch(run, PAIR))
+    rows = {}
+    for path, name, index in reads:
+        rows.setdefault((path, name), []).append(index)
+    assert all(indices in ([0, 1], [...], [..., 0, 1]) for indices in rows.values()), rows
+    paths = {path for path, _ in rows}
+    assert {path.parent.name for path in paths} >= {"surface", "grasps", "touch", "frames", "vision"}
+    for path in paths:
+        needed = (each for each in palpate.store.CONTRACT[path.parent.name].arrays.values() if not each.optional)
+        assert {each.name for each in needed if each.of_objects} <= {name for at, name in rows if at == path}
+
+
 def test_asking_again_compares_every_file_and_looks_at_values_again_where_files_are_others(run):
     tables = [run / f"reports/validation/{batch}.csv" for batch in (PAIR, BATCH)]
     for table in tables:

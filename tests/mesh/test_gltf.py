@@ -17,6 +17,7 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.mesh.load import load
 from palpate.mesh.part import GREY
 from palpate.named_files import companions
+from palpate.scene import Scene
 from palpate.vision import Renderer, looking_at
 from tests.mesh.reading import CASES, assert_same, by_blender, measured, triangles
 
@@ -134,7 +135,7 @@ def seen(folder: Path, *points, samples=16) -> np.ndarray:
     low, high = np.array(json.loads((folder / "mesh.json").read_text())["visual.glb"]["bounding_box"])
     places = OBJECT_POSITION + low + np.array(points) * (high - low)
     camera = looking_at(OBJECT_POSITION, np.add(OBJECT_POSITION, (0, -1e-3, 1.2)), 128)
-    image = Renderer(samples=samples, device="cpu").render_meshes(visual_glb=folder / "visual.glb", camera=camera)
+    image, _ = Renderer(samples=samples, device="cpu").render(Scene(folder, camera=camera))
     pixels = np.floor(camera.project(places)[0]).astype(int)
     return np.array([image.rgb[y - 1 : y + 2, x - 1 : x + 2].reshape(-1, 3).mean(axis=0) for x, y in pixels])
 

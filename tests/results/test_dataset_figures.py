@@ -1,17 +1,24 @@
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 
 import matplotlib
 import numpy as np
 import pytest
 import trimesh
+from matplotlib.colors import to_hex
 from PIL import Image
 
-from palpate import Dataset, store
+from palpate import Dataset, store, vision
+from palpate.camera import paper_camera
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results import dataset_figures as figures
 from palpate.results.dataset_figures import camera_holding, clear_view, data_point, example_grasp, examples, grasp_steps
+from palpate.scene import Scene
+from palpate.vision import Renderer
+from palpate.vision.image import vision_record
+from tests.results.conftest import build_run
 
 QUICK = {"samples": 1}
 
@@ -22,11 +29,9 @@ def pixels(path):
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """The figures that are drawn, instead of their files; small pictures."""
+    """The figures that are drawn, instead of their files."""
     found = []
     monkeypatch.setattr(figures, "save", lambda figure, path: found.append(figure))
-    monkeypatch.setattr(figures, "PIXELS", 160)
-    monkeypatch.setattr(figures, "STEP_PIXELS", 60)
     return found
 
 
@@ -35,28 +40,57 @@ def shown(axes) -> np.ndarray:
     return np.asarray(image.get_array())
 
 
-def test_a_data_point_shows_images_readings_and_touched_points_of_its_grasp(run, drawn, tmp_path):
-    copy = shutil.copytree(run, tmp_path / "run")
-    path = copy / "touch/batch-0000.zarr"
+def traced(meshes, hand, grasp) -> dict[str, np.ndarray]:
+    """Images of an object over a transparent background: its silhouette and depths by trimesh's rays."""
+    camera, count = paper_camera(128), len(grasp["palm_pose"])
+    rays = camera.rays().reshape(-1, 3)
+    start = np.broadcast_to(camera.position - OBJECT_POSITION, rays.shape)
+    where, ray, _ = load_visual(meshes).ray.intersects_location(start, rays, multiple_hits=False)
+    depth = np.full(len(rays), np.inf, np.float16)
+    depth[ray] = camera.project(where + OBJECT_POSITION)[1]
+    depth = depth.reshape(camera.size, camera.size)
+    mask = np.where(np.isfinite(depth), 255, 0).astype(np.uint8)
+    alone = vision.Image(np.dstack([mask // 2] * 3 + [mask]), mask, depth)
+    return vision_record([(alone, [alone] * count)], [camera])
+
+
+def test_a_data_point_shows_images_readings_and_touched_points_of_its_grasp(drawn, tmp_path):
+    build_run(tmp_path / "run", ["bottle-0000"], vision=traced)
+    path = tmp_path / "run/touch/batch-0000.zarr"
     arrays, attributes = store.read(path), store.open(path).attributes
-    surface_points = store.read(copy / "surface/batch-0000.zarr")["points"]
-    for number, points in enumerate(surface_points):  # a quarter of the surface for each sensor, from the top down
-        downwards = points[np.argsort(-points[:, 2])]
-        arrays["points"][number, ..., :2500, :] = downwards.reshape(4, 2500, 3)
+    (points,) = store.read(tmp_path / "run/surface/batch-0000.zarr")["points"]
+    downwards = points[np.argsort(-points[:, 2])]  # a quarter of the surface for each sensor, from the top down
+    arrays["points"][0, :, :, :2500] = downwards.reshape(4, 2500, 3)
     arrays["point_count"][:] = 2500
     store.write(path, "touch", arrays, attributes)
-    dataset = Dataset(copy)
-    data_point(dataset, tmp_path / "a.png", **QUICK)
+    dataset = Dataset(tmp_path / "run")
+    data_point(dataset, tmp_path / "a.png")
     grasp = example_grasp(dataset)
-    alone, held, *readings, surface = drawn[0].axes
+    alone, held, *readings, touched = drawn[0].axes
     np.testing.assert_array_equal(shown(alone), grasp.object.unoccluded)
     np.testing.assert_array_equal(shown(held), grasp.occluded)
-    picture = shown(surface).astype(int)
-    assert np.ptp(picture, axis=-1).max() > 60  # clay is grey, touched points are not
     for sensor, panel in enumerate(readings):
         np.testing.assert_array_equal(shown(panel), grasp.reading[sensor])
         assert panel.get_title() == grasp.sensors[sensor]
         assert (panel.images[0].get_alpha() == 1) == panel.spines["left"].get_visible() == grasp.success[sensor]
+    # The object in grey, as large as the panel, what is transparent stays so; on it a sensor's points in its colour.
+    seen, mask = shown(touched), grasp.object.unoccluded_mask
+    assert (seen[mask > 0] == (127, 127, 127, 255)).all() and not seen[mask == 0, 3].any()
+    (left, right), (bottom, top), (row, column) = touched.get_xlim(), touched.get_ylim(), np.nonzero(mask)
+    assert left < column.min() < column.max() < right and top < row.min() < row.max() < bottom
+    assert (right - left) / max(np.ptp(row), np.ptp(column)) == pytest.approx(figures.MARGIN)
+    assert len(touched.collections) == grasp.success.sum()
+    mesh, camera, right_opacity = load_visual(grasp.object.mesh), grasp.object.vision_camera, []
+    for sensor, sites in zip(np.flatnonzero(grasp.success), touched.collections, strict=True):
+        cloud = grasp.points[sensor][:: figures.SITE_STRIDE]
+        np.testing.assert_allclose(sites.get_offsets(), camera.project(cloud)[0] - 0.5)
+        assert to_hex(sites.get_facecolor()[0]) == to_hex(figures.SITE_COLOURS[sensor])
+        away = camera.position - cloud
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        hidden = mesh.ray.intersects_any(cloud - OBJECT_POSITION + 0.01 * away, away)
+        right_opacity.append((sites.get_alpha() < 1) == hidden)
+        assert {*sites.get_alpha()} == {figures.HIDDEN, 1}  # of a bottle half is behind
+    assert np.concatenate(right_opacity).mean() > 0.95  # by trimesh's rays from the points; some graze
 
 
 def test_sensors_have_the_names_of_the_runs_own_hand(run, drawn, tmp_path):
@@ -65,12 +99,12 @@ def test_sensors_have_the_names_of_the_runs_own_hand(run, drawn, tmp_path):
     path = copy / "grasps" / "batch-0000.h5"
     arrays, attributes = store.read(path), store.open(path).attributes
     store.write(path, "grasps", arrays | {"hand/sensor_names": np.array(names)}, attributes)
-    examples(Dataset(copy), "bottle", tmp_path / "sheet.png", **QUICK)
+    examples(Dataset(copy), "bottle", tmp_path / "sheet.png")
     assert [axes.get_title() for axes in drawn[0].axes[2:6]] == names
 
 
 def test_a_sheet_has_a_row_an_object_each_with_another_grasp(dataset, drawn, tmp_path):
-    examples(dataset, "bottle", tmp_path / "two.png", **QUICK)
+    examples(dataset, "bottle", tmp_path / "two.png")
     panels = drawn[0].axes
     assert len(panels) == 2 * 7
     assert [panels[row * 7].get_ylabel() for row in range(2)] == ["bottle-0000, grasp 0", "bottle-0001, grasp 1"]
@@ -78,9 +112,9 @@ def test_a_sheet_has_a_row_an_object_each_with_another_grasp(dataset, drawn, tmp
 
 
 def test_a_figure_has_the_same_bytes_every_time_whatever_the_users_style(dataset, tmp_path):
-    data_point(dataset, tmp_path / "a.png", **QUICK)
+    data_point(dataset, tmp_path / "a.png")
     with matplotlib.rc_context({"figure.facecolor": "black", "font.size": 30, "savefig.bbox": "tight"}):
-        data_point(dataset, tmp_path / "b.png", **QUICK)
+        data_point(dataset, tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert Image.open(tmp_path / "a.png").text == {}
 
@@ -123,21 +157,37 @@ def test_the_stored_hand_is_the_hand_that_was_stored(dataset):
         np.testing.assert_array_equal(stored[name], made[name])
 
 
-def test_the_hand_comes_is_placed_and_closes(dataset, drawn, tmp_path):
+def test_a_sheet_takes_objects_from_all_over_the_class(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "EXAMPLES", 1)
+    examples(dataset, "bottle", tmp_path / "one.png")
+    monkeypatch.setattr(figures, "EXAMPLES", 6)
+    examples(dataset.select(["bottle-0000"]), "bottle", tmp_path / "first.png")
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "first.png").read_bytes()
+
+
+def test_the_example_does_not_depend_on_batches_or_order_of_reading(dataset):
+    first, second = example_grasp(dataset), example_grasp(Dataset(dataset["knife-0000"].mesh.parents[2]))
+    assert (first.object.name, first.number) == (second.object.name, second.number)
+
+
+def test_the_hand_comes_is_placed_and_closes(dataset, drawn, monkeypatch, tmp_path):
+    monkeypatch.setattr(figures, "STEP_PIXELS", 60)
     grasp_steps(dataset, tmp_path / "a.png", **QUICK)
-    alone, loaded, placed, closed = (shown(axes).astype(int) for axes in drawn[0].axes)
-    dark = [(picture.max(axis=-1) < 60).sum() for picture in (alone, loaded, placed, closed)]  # the hand is black
-    assert min(dark[1:]) > dark[0] + 20
+    pictures = [np.asarray(axes.images[0].get_array()).astype(int) for axes in drawn[0].axes]
+    alone, *with_hand = [(picture.max(axis=-1) < 60).sum() for picture in pictures]  # the hand is black
+    assert len(with_hand) == 3 and min(with_hand) > alone + 20
+    _, loaded, placed, closed = pictures
     assert all((one != other).any() for one, other in ((loaded, placed), (placed, closed)))
 
 
-def test_the_closing_shows_each_frame_and_rests_at_the_last(dataset, monkeypatch, tmp_path):
+def test_the_closing_shows_frames_evenly_and_rests_at_the_last(dataset, monkeypatch, tmp_path):
     monkeypatch.setattr(figures, "PIXELS", 60)
+    monkeypatch.setattr(figures, "FRAMES", 2)
     grasp = example_grasp(dataset)
     opened = grasp.object.hand.forward(grasp.palm_pose, grasp.object.hand.open_joint_positions)
-    success = np.array([np.zeros_like(grasp.success), grasp.success])
-    frames = SimpleNamespace(link_pose=np.array([opened, grasp.link_pose]), time=[0.0, 1.5], has_touch=True)
-    frames.reading, frames.success = np.array([grasp.reading] * 2), success
+    success = np.array([np.zeros_like(grasp.success)] * 2 + [grasp.success])
+    frames = SimpleNamespace(link_pose=np.array([opened] * 2 + [grasp.link_pose]), time=[0.0, 0.7, 1.5])
+    frames.reading, frames.success, frames.has_touch = np.array([grasp.reading] * 3), success, True
     framed = SimpleNamespace(object=grasp.object, sensors=grasp.sensors, frames=frames)
     monkeypatch.setattr(figures, "example_grasp", lambda dataset: framed)
     figures.closing(dataset, tmp_path / "a.gif", **QUICK)
@@ -147,6 +197,22 @@ def test_the_closing_shows_each_frame_and_rests_at_the_last(dataset, monkeypatch
         animation.seek(1)
         assert animation.info["duration"] == figures.REST
         assert (np.asarray(animation.convert("RGB")) != first).any()
+
+
+def test_poses_are_rendered_in_one_session_and_each_as_if_it_were_alone(dataset, monkeypatch):
+    """The object's file is read once; of each pose the same bytes come from a new Blender scene of its own."""
+    scenes, files, read = [], [], Renderer._read_file
+    monkeypatch.setattr(Renderer, "_read_file", lambda self, path: (files.append(path), read(self, path)))
+    monkeypatch.setattr(figures, "Scene", lambda *given, **others: scenes.append(Scene(*given, **others)) or scenes[-1])
+    grasp = example_grasp(dataset)
+    opened = grasp.object.hand.forward(grasp.palm_pose, grasp.object.hand.open_joint_positions)
+    poses = np.array([opened, grasp.link_pose, opened])
+    alone, *held = figures.rendered(grasp, poses, 60, samples=2, threads=1)
+    assert len(files) == 1 and len(held) == 3
+    for pose, picture in zip(poses, held, strict=True):
+        bare, (image,) = Renderer(samples=2).render(replace(scenes[0], link_pose=pose[None]))
+        np.testing.assert_array_equal(image.rgb, picture)
+        np.testing.assert_array_equal(bare.rgb, alone)
 
 
 def test_drawn_points_are_on_the_hand(dataset):
@@ -167,7 +233,7 @@ def test_the_camera_holds_everything_and_no_more():
         camera = camera_holding(points, towards(rng.uniform(0, 360), rng.uniform(-60, 60)), 240)
         seen, depth = camera.project(points)
         assert (depth > 0).all() and seen.min() > 0 and seen.max() < camera.size
-        assert np.abs(seen / camera.size - 0.5).max() == pytest.approx(0.5 / figures.MARGIN)
+        assert np.abs(seen / camera.size - 0.5).max() == pytest.approx(0.5 / figures.HOLDING)
 
 
 @pytest.mark.parametrize("azimuth", [0, 90, 210])
@@ -193,16 +259,3 @@ def test_the_object_hides_the_hand_least_from_the_clear_view(dataset):
 
     every = [hidden(towards(azimuth, figures.ELEVATION)) for azimuth in figures.AZIMUTHS]
     assert hidden(clear_view(grasp.object, points)) <= min(every) + 0.01
-
-
-def test_a_sheet_takes_objects_from_all_over_the_class(dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr(figures, "EXAMPLES", 1)
-    examples(dataset, "bottle", tmp_path / "one.png", **QUICK)
-    monkeypatch.setattr(figures, "EXAMPLES", 6)
-    examples(dataset.select(["bottle-0000"]), "bottle", tmp_path / "first.png", **QUICK)
-    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "first.png").read_bytes()
-
-
-def test_the_example_does_not_depend_on_batches_or_order_of_reading(dataset):
-    first, second = example_grasp(dataset), example_grasp(Dataset(dataset["knife-0000"].mesh.parents[2]))
-    assert (first.object.name, first.number) == (second.object.name, second.number)

@@ -12,7 +12,6 @@ from palpate.models import TouchDepth
 from palpate.models.templates import Templates
 from palpate.results import products
 from palpate.results import reconstructions as figure
-from palpate.results.dataset_figures import clay
 from tests.evaluation.synthetic import DECLARED
 from tests.models.batches import SMALL
 
@@ -60,7 +59,7 @@ def test_the_charts_of_successful_touches_are_orange():
 
 def test_ground_truth_is_the_objects_surface_in_the_world(dataset):
     record = dataset["knife-0000"]
-    mesh = clay(record)
+    mesh = figure.clay(record)
     low, high = record.points.min(axis=0), record.points.max(axis=0)
     np.testing.assert_allclose(np.min(mesh.vertices, axis=0), low, atol=0.005)
     np.testing.assert_allclose(np.max(mesh.vertices, axis=0), high, atol=0.005)
@@ -71,7 +70,7 @@ def test_ground_truth_without_meshes_is_of_points(dataset):
         mesh = dataset["knife-0000"].mesh.parent / "nothing"
         points = dataset["knife-0000"].points
 
-    mesh = clay(Released)
+    mesh = figure.clay(Released)
     assert np.abs(np.min(mesh.vertices, axis=0) - Released.points.min(axis=0)).max() < 0.005
 
 

@@ -38,6 +38,16 @@ def test_a_split_without_objects_is_said_at_the_start_with_the_way_to_set_it(mak
     assert "vision" in workflow.planned("dataset")  # which needs no split
 
 
+def test_without_figures_the_tables_are_made_alone_and_a_figure_by_its_file(make_workflow):
+    workflow = make_workflow(figures=False)
+    for target in ("dataset", "all"):
+        made = workflow.outputs(target)
+        assert "tables/dataset_statistics.csv" in made and not any(path.startswith("figures/") for path in made)
+    assert "figures/examples_can.png" in workflow.outputs("figures/examples_can.png")
+    made = {path for path in workflow.changed(figures=True).outputs("dataset") if path.startswith("figures/")}
+    assert made == {f"figures/{name}.png" for name in ("data_point", "grasp_steps", "examples_can", "examples_brick")}
+
+
 def test_the_meshes_of_an_older_version_are_made_again():
     """The rule has the version of what it writes in its params, which Snakemake compares."""
     text = (PROJECT / "workflow/rules/meshes.smk").read_text()

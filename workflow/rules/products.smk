@@ -84,10 +84,10 @@ def is_asked(product):
     return all(stages.STAGES[each].is_asked(config) for each in product.stores)
 
 
-# What the config allows to ask for, and what `all` makes of it.
+# What the config allows to ask for, and what `dataset` and `all` make of it.
 PRODUCTS = [each for each in products.products() if is_asked(each) and not (RELEASED and each.simulated)]
 OFFERED = [each for each in PRODUCTS if all(map(is_available, (each.evaluations, each.rings, each.selections)))]
-MADE = [each for each in OFFERED if not each.on_request]
+MADE = [each for each in OFFERED if not each.on_request and (each.kind == "tables" or config["figures"])]
 SOURCES = dict.fromkeys(source for each in MADE for source in (each.evaluations, each.rings) if source)
 COMPARED = {name for source in SOURCES for name in experiments_of(source)}
 EVERY_SEED = {"seed": config["training"]["seeds"]}
@@ -148,7 +148,7 @@ def product_params(wildcards):
         "split": next(iter(product.needed_splits(EXPERIMENTS.tables)), None),
         "resamples": config["evaluation"]["resamples"],
         "points": list(POINTS.values()),
-        "samples": 2 * config["vision"]["samples"],  # a figure of the dataset is rendered finer than its images
+        "samples": config["vision"]["samples"],
     }
     values |= {field: FIELDS[field][value] for field, value in fields.items()}
     return {key: value for key, value in values.items() if key in product.parameters}

@@ -29,7 +29,7 @@ use rule table as figure with:
         "benchmarks/{figure}.tsv"
     wildcard_constraints:
         figure="|".join(map(re.escape, product_names("figures", PRODUCTS))),
-    priority: 1  # Those of Blender take half a minute, which a run would wait for at its end.
+    priority: 1  # Those of Blender take some ten seconds, which a run would wait for at its end.
 
 
 use rule figure as animation with:

@@ -17,8 +17,9 @@ log_to(snakemake.log[0])
 product, _ = products.find("tables" if snakemake.rule == "table" else "figures", snakemake.wildcards[0])
 make = product.load()  # first of all: it may load Blender, which comes before what loads embree
 
-from palpate.evaluation import rows  # noqa: E402
-from palpate.results.tables import write_table  # noqa: E402
+if product.kind == "tables" or {"evaluations", "rings", "selections", "touches"} & {*product.parameters}:
+    from palpate.evaluation import rows  # loads pandas, which figures of the dataset don't need
+    from palpate.results.tables import write_table
 
 inputs, values = snakemake.input, snakemake.params.values
 
