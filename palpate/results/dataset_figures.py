@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -26,7 +27,7 @@ SITE_COLOURS = [COLOURS[number] for number in (1, 0, 2, 3, 4, 5)]  # in the orde
 SITE_POINT = 1.6  # points, diameter of a touched point as drawn, larger than it is
 SITE_STRIDE = 13  # of touched points, those drawn
 BEHIND = 2  # widths of a pixel: a point so far behind what the camera saw at its pixel's centre is hidden
-HIDDEN = 0.2  # opacity of such a point
+HIDDEN = 0.35  # share of its colour that such a point has, over white: points lie too close for opacity
 PALE = 0.45  # opacity of an image under touched points
 MARGIN = 1.1  # of the part of an image that is shown, over the object
 EXAMPLES = 6  # objects on a sheet
@@ -216,9 +217,8 @@ def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
         pixels, depth = camera.project(grasp.points[sensor][::SITE_STRIDE])
         column, row = np.clip(np.nan_to_num(pixels).astype(int), 0, camera.size - 1).T
         behind = depth - alone.unoccluded_depth[row, column] > BEHIND * depth / camera.focal_length
-        opacity = np.where(behind, HIDDEN, 1)
-        drawn = {"s": SITE_POINT**2, "color": _site_colour(sensor), "linewidths": 0}
-        axes.scatter(*(pixels - 0.5).T, alpha=opacity, **drawn)  # the first pixel's centre is at 0
+        colour = 1 - np.where(behind, HIDDEN, 1)[:, None] * (1 - np.array(to_rgb(_site_colour(sensor))))
+        axes.scatter(*(pixels - 0.5).T, SITE_POINT**2, colour, linewidths=0)  # the first pixel's centre is at 0
     seen = np.argwhere(alone.unoccluded_mask)
     low, high = seen.min(axis=0), seen.max(axis=0)
     (y, x), reach = (low + high) / 2, MARGIN * (high - low).max() / 2
