@@ -1,17 +1,17 @@
 """Reading a mesh file of any supported format: its parts, with their materials."""
 
-from importlib import import_module
 from pathlib import Path
 
 from palpate.batch import UnusableObject
 from palpate.mesh import FORMATS
 from palpate.mesh.files import Files
+from palpate.mesh.formats import collada, gltf, obj, off, ply, stl, threemf
 from palpate.mesh.part import Loaded
 from palpate.mesh.recognise import UNREAD, what_it_is
 from palpate.named_files import unusable
 
-# Modules of `palpate.mesh.formats` whose names are not those of the format.
-MODULES = {"glb": "gltf", "dae": "collada", "3mf": "threemf"}
+# Imported with this module: objects are read in processes of their own, which would each import them.
+READERS = {"obj": obj, "glb": gltf, "gltf": gltf, "stl": stl, "ply": ply, "off": off, "dae": collada, "3mf": threemf}
 
 
 def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict[str, str]]:
@@ -37,7 +37,7 @@ def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict
         raise UnusableObject(f"{path}: can't be read as {suffix}: {other}")
     files = Files(path, root)
     try:
-        loaded = import_module(f"palpate.mesh.formats.{MODULES.get(kind, kind)}").read(path, files)
+        loaded = READERS[kind].read(path, files)
     except MemoryError as error:  # says nothing about the object
         raise MemoryError(f"while loading {path}, {path.stat().st_size / 1e6:.0f} MB {error}".strip()) from None
     except Exception as error:  # the readers raise whatever a broken file makes them trip over
