@@ -19,7 +19,8 @@ from palpate.stages import STAGES, Stage
 # 3: touch stores did not state their sensor; hands had hinges only, and four sensors; images had one camera, which was
 #    not stored.
 # 4: stores did not state what they were made from.
-SCHEMA_VERSION = 5
+# 5: hands had no names and couplings of joints, and did not say which of their geoms collide.
+SCHEMA_VERSION = 6
 # The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 

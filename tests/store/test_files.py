@@ -223,7 +223,7 @@ def test_a_run_of_an_earlier_version_is_refused_with_the_command_that_builds_it_
         write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
         zarr.open_group(path).attrs["schema_version"] = 1
         command = f"snakemake dataset touch/batch-0000.zarr --cores 2 --configfile {config} --forceall"
-        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 5; .* {command}$"):
+        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 6; .* {command}$"):
             palpate.store.open(path)
 
 
@@ -464,7 +464,7 @@ def test_another_schema_version_is_refused(tmp_path):
     with h5py.File(path, "a") as file:
         file.attrs["schema_version"] = "99"
     seal_hdf5(path)
-    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 5"):
+    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 6"):
         palpate.store.open(path)
 
 
@@ -561,7 +561,7 @@ def test_xarray_opens_a_store(tmp_path, stage):
 
 
 def test_a_store_without_names_of_its_axes_reads_the_same(tmp_path):
-    """As stores of before there were names: the contract's version is the same."""
+    """They are for other readers."""
     arrays = arrays_of("touch", 2)
     path = path_of(tmp_path, "touch")
     write(path, "touch", arrays, ATTRIBUTES)
