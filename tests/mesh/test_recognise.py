@@ -16,9 +16,10 @@ IGES = b"a part".ljust(72) + b"S      1\n" + b"1H,,1H;".ljust(72) + b"G      1\n
 
 
 def archive(name: str) -> bytes:
+    """Zipped: of a fixed time, since tests are named by it."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as made:
-        made.writestr(name, b"v 0 0 0\n")
+        made.writestr(zipfile.ZipInfo(name), b"v 0 0 0\n")
     return file.getvalue()
 
 
