@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from palpate.dataset import Dataset
-    from palpate.evaluation.reconstruct import Reconstructor, reconstruct
+    from palpate.learning.reconstruct import Reconstructor, reconstruct
     from palpate.store import StoreError
 
 __version__ = "0.3.0"
@@ -21,9 +21,9 @@ __all__ = ["Dataset", "Reconstructor", "StoreError", "__version__", "reconstruct
 # Public names, and the modules that they are imported from when they are used.
 LAZY_EXPORTS = {
     "Dataset": "palpate.dataset",
-    "Reconstructor": "palpate.evaluation.reconstruct",
+    "Reconstructor": "palpate.learning.reconstruct",
     "StoreError": "palpate.store",
-    "reconstruct": "palpate.evaluation.reconstruct",
+    "reconstruct": "palpate.learning.reconstruct",
 }
 MODULES = {module.name for module in pkgutil.iter_modules(__path__)}
 

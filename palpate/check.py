@@ -28,10 +28,10 @@ from palpate.catalogue.source import LAYOUTS
 from palpate.configuration import ConfigError, absolute, check, read_config
 from palpate.experiments import Experiments
 from palpate.hand import DURATION, Hand
+from palpate.learning import tuning
+from palpate.learning.recipes import Recipe
 from palpate.mesh.recognise import what_it_is
 from palpate.sensor import Sensor
-from palpate.training import tuning
-from palpate.training.recipes import Recipe
 
 DEFAULT, SCHEMA = "config/config.yaml", "workflow/schemas/config.schema.yaml"
 FILES = "the config (config/config.yaml with --configfile and --config)"  # as messages name it

@@ -78,7 +78,7 @@ def view(args: argparse.Namespace) -> int:
     records = [dataset[name] for name in names]
     model = None
     if args.model:
-        from palpate.evaluation.reconstruct import Reconstructor, named_model
+        from palpate.learning.reconstruct import Reconstructor, named_model
 
         if not names:
             raise ValueError("--model: name an object, or give --all")
@@ -100,7 +100,7 @@ def reconstruct(args: argparse.Namespace) -> int:
     """Write the mesh that a model predicts."""
     from palpate.atomic import atomic_write
     from palpate.dataset import Dataset
-    from palpate.evaluation.reconstruct import Reconstructor, check_format, named_model
+    from palpate.learning.reconstruct import Reconstructor, check_format, named_model
 
     check_format(args.output)
     path, record = named_model(args.run / "models", args.experiment, args.seed), Dataset(args.run)[args.object]

@@ -3,7 +3,7 @@
 from palpate.mesh import DIAGONAL
 
 CHAMFER_SCALE = 9000  # from m^2 to the unit of the paper's tables (its published evaluation)
-RINGS = (1, 2, 3, 4, 5)  # around a touch (section 5.3), `palpate.evaluation.rings`
+RINGS = (1, 2, 3, 4, 5)  # around a touch (section 5.3), `palpate.learning.rings`
 
 # Single images are judged as in Mesh R-CNN's published evaluation with Pixel2Mesh's protocol: meshes are scaled
 # by `PIXEL2MESH_SCALE`, distances squared and compared with tau = 1e-4 and 2 tau.

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 import torch
 
-from palpate.training.learners import ReconstructionLearner
+from palpate.learning.learners import ReconstructionLearner
 
 
 class TrainingSteps:

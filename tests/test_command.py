@@ -1,4 +1,4 @@
-"""The command `palpate`, called as from a terminal; `reconstruct` is in tests/evaluation/test_reconstruct.py."""
+"""The command `palpate`, called as from a terminal; `reconstruct` is in tests/learning/test_reconstruct.py."""
 
 import re
 import shutil

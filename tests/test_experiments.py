@@ -8,7 +8,7 @@ import yaml
 from palpate.configuration import ConfigError
 from palpate.experiments import Correction, Experiment, Experiments, name_of
 from palpate.methods import METHODS
-from tests.evaluation.synthetic import EXPERIMENTS
+from tests.learning.synthetic import EXPERIMENTS
 
 SCHEMA = Path(__file__).parents[1] / "workflow/schemas/experiments.schema.yaml"
 CHARTS = {"method": "charts", "vision": "occluded", "touch": True}

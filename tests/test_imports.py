@@ -17,7 +17,7 @@ ORDER = (
     *("configuration", "methods", "experiments", "architectures"),
     *("camera", "sensor", "named_files"),
     *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
-    *("dataset", "protocol", "charts", "models", "inference", "evaluation", "training", "results"),
+    *("dataset", "protocol", "charts", "models", "learning", "results"),
     *("viewer", "interchange", "check", "command"),
 )
 # Packages that may import an engine: by the name that is imported.
@@ -25,8 +25,8 @@ ENGINES = {
     "mujoco": {"hand", "grasp"},
     "bpy": {"vision"},
     "mathutils": {"vision"},
-    "torch": {"charts", "models", "inference", "evaluation", "training", "results"},
-    "lightning_fabric": {"training"},
+    "torch": {"charts", "models", "learning", "results"},
+    "lightning_fabric": {"learning"},
     "snakemake": set(),
     "studies": set(),
 }

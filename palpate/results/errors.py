@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from palpate.evaluation.rows import EvaluationError
+from palpate.learning.rows import EvaluationError
 from palpate.results.bootstrap import RESAMPLES, Estimate, between_seeds, interval
 
 AVERAGE = "average"
@@ -69,7 +69,7 @@ def errors(
     """The errors of experiments on one split, object by object.
 
     Args:
-        frame: rows of `palpate.evaluation.rows.read`; `column` holds the error, `key` names the experiment.
+        frame: rows of `palpate.learning.rows.read`; `column` holds the error, `key` names the experiment.
 
     Raises EvaluationError if an experiment has no rows, experiments were measured on different objects or trained with
     different seeds, one was measured twice, or an error is not finite.

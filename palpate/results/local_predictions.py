@@ -7,7 +7,7 @@ import numpy as np
 from palpate.charts.atlas import touch_chart
 from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord, ObjectRecord
-from palpate.evaluation.reconstruct import GraspTouches, TouchCharts
+from palpate.learning.reconstruct import GraspTouches, TouchCharts
 from palpate.results import products
 from palpate.results.page import INK, picture_grid, save, save_sentence, styled
 

@@ -21,14 +21,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from palpate.evaluation.rows import QUALITY, EvaluationError
 from palpate.experiments import Experiment
+from palpate.learning.rows import QUALITY, EvaluationError
+from palpate.learning.tuning import summary
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import has_papers_classes, paper_values, stated, without_paper
-from palpate.training.tuning import summary
 
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_ESTIMATES = {"cloud": "local point cloud", "chart": "touch chart"}
@@ -172,7 +172,7 @@ def surface_quality(evaluations: Frame, experiments: Experiments, split="test", 
     """Crumpled sheets, torn charts and spikes told apart: angles between adjacent faces (`bend`, `folded`), distances
     between charts that were joined (`gap`), and angles to the true surface (`across`), on the test split.
 
-    The columns are explained in `palpate.evaluation.surface_quality`. The paper states none of them.
+    The columns are explained in `palpate.learning.surface_quality`. The paper states none of them.
     """
     experiments = {name: each for name, each in experiments.items() if each.is_trained}  # not of retrieved points
     scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
@@ -243,7 +243,7 @@ def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str,
     """The supplement's hyperparameters in every combination of the config's grid, for the model of occluded vision and
     touch: the lowest validation loss (9000 x Chamfer distance), the best first.
 
-    points: of `palpate.training.tuning.grid`; trainings: the `training.json` of each.
+    points: of `palpate.learning.tuning.grid`; trainings: the `training.json` of each.
     """
     table = Frame(summary(points, trainings))
     machines = ", ".join(sorted({training["machine"]["found"] for training in trainings}))

@@ -13,7 +13,7 @@ from palpate.vision import Mesh, Renderer, spheres  # isort: skip (Blender: befo
 from palpate.camera import paper_camera
 from palpate.dataset import Dataset
 from palpate.dataset.reader import ObjectRecord
-from palpate.evaluation.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Reconstructor, Shape, of_object
+from palpate.learning.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Reconstructor, Shape, of_object
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results import products
 from palpate.results.local_predictions import first_test_objects

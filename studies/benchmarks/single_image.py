@@ -18,9 +18,9 @@ import yaml
 from tabulate import tabulate
 
 from palpate.experiments import Experiments
-from palpate.inference.data import ExperimentData
-from palpate.training.learners import ReconstructionLearner
-from palpate.training.recipes import Recipe
+from palpate.learning.data import ExperimentData
+from palpate.learning.learners import ReconstructionLearner
+from palpate.learning.recipes import Recipe
 from studies.training_steps import TrainingSteps
 
 PROJECT = Path(__file__).parents[2]

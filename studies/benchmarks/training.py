@@ -8,7 +8,7 @@ Each variant of `VARIANTS` (default: all), or one given as YAML, changes some ke
 first. Then it trains for as many steps as fit in the seconds of processor time on one core, or for --steps; the
 schedule ends with the last. The run's stores must exist.
 
-The last columns say how smooth the best model's meshes are (`palpate.evaluation.surface_quality`), the mean over the
+The last columns say how smooth the best model's meshes are (`palpate.learning.surface_quality`), the mean over the
 validation windows. With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a
 larger run of the same config. Losses are on 2,500 points and --windows windows of each object, at the best evaluation.
 """
@@ -29,17 +29,17 @@ import yaml
 from scipy.spatial import cKDTree
 
 from palpate.configuration import merge
-from palpate.evaluation.rows import QUALITY
-from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.experiments import Experiment, Experiments
-from palpate.inference.checkpoints import load
-from palpate.inference.data import ExperimentData
-from palpate.inference.machine import Machine
-from palpate.inference.samples import Assembler, windows
+from palpate.learning.checkpoints import load
+from palpate.learning.data import ExperimentData
+from palpate.learning.learners import ReconstructionLearner
+from palpate.learning.loop import train
+from palpate.learning.machine import Machine
+from palpate.learning.recipes import Recipe, ReconstructionSettings
+from palpate.learning.rows import QUALITY
+from palpate.learning.samples import Assembler, windows
+from palpate.learning.surface_quality import surface_quality, topology
 from palpate.models import Reconstruction
-from palpate.training.learners import ReconstructionLearner
-from palpate.training.loop import train
-from palpate.training.recipes import Recipe, ReconstructionSettings
 from studies.training_steps import TrainingSteps
 
 PROJECT = Path(__file__).parents[2]

@@ -14,12 +14,12 @@ import trimesh
 from torch import Tensor
 
 from palpate.charts import sample_faces, vision_atlas
-from palpate.evaluation.metrics import score
+from palpate.learning.losses import Truth, reconstruction_loss
+from palpate.learning.metrics import score
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface
 from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample as sample_exterior
-from palpate.training.losses import Truth, reconstruction_loss
 from studies.error_vs_runtime.study import Method, Study, variants
 from studies.subjects import Subject
 from studies.surface_distance import sample

@@ -17,16 +17,16 @@ import torch
 from lightning_fabric import Fabric
 from scipy.spatial import cKDTree
 
-from palpate.evaluation.evaluate import BATCH_SIZE
 from palpate.experiments import Experiment
-from palpate.inference.data import ExperimentData
-from palpate.inference.machine import Machine
-from palpate.inference.samples import Assembler, Sample, windows
+from palpate.learning.data import ExperimentData
+from palpate.learning.evaluate import BATCH_SIZE
+from palpate.learning.learners import ReconstructionLearner
+from palpate.learning.loop import train
+from palpate.learning.machine import Machine
+from palpate.learning.recipes import Recipe, ReconstructionSettings
+from palpate.learning.samples import Assembler, Sample, windows
 from palpate.models import Reconstruction
 from palpate.protocol import CHAMFER_SCALE
-from palpate.training.learners import ReconstructionLearner
-from palpate.training.loop import train
-from palpate.training.recipes import Recipe, ReconstructionSettings
 from studies.error_vs_runtime.study import ALL, Method, Study, variants
 from studies.subjects import Subject
 from studies.surface_distance import sample

@@ -19,14 +19,14 @@ from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.graph import mesh_edges
 from palpate.dataset import Dataset
 from palpate.experiments import Experiment
-from palpate.inference.data import ExperimentData
-from palpate.inference.inputs import inputs, stages
-from palpate.inference.samples import Assembler, windows
+from palpate.learning.data import ExperimentData
+from palpate.learning.inputs import inputs, stages
+from palpate.learning.recipes import Recipe
+from palpate.learning.samples import Assembler, windows
 from palpate.models import Reconstruction
 from palpate.models.encoder import ReadingEncoder
 from palpate.models.reconstruction import POSE_FEATURES
 from palpate.models.touch import TouchAttention
-from palpate.training.recipes import Recipe
 from studies.omitted.omission import Omission
 from studies.subjects import Subject
 

@@ -18,9 +18,8 @@ from palpate.batch import read_rejections
 from palpate.catalogue import read_catalogue
 from palpate.dataset.run import Run
 from palpate.dataset.validation import check_files, read_findings
-from palpate.evaluation import rows
-from palpate.inference import checkpoints
-from palpate.training.loop import HISTORY
+from palpate.learning import checkpoints, rows
+from palpate.learning.loop import HISTORY
 
 COLUMNS = ("fault", "tried", "by the reader", "by validate", "nothing changed", "lost in silence", "for example")
 BLOCK = 4096  # bytes: what file systems write at once, and lose at once

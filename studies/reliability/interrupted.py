@@ -25,8 +25,7 @@ import yaml
 
 from palpate.atomic import TEMPORARY
 from palpate.batch import generator
-from palpate.evaluation import rows
-from palpate.inference import checkpoints
+from palpate.learning import checkpoints, rows
 from palpate.rebuild_command import RECORD
 from palpate.results.tables import markdown
 from workflow.run.lock import JOBS_LOCK, LOCK

@@ -18,17 +18,17 @@ from palpate.charts import sample_faces, sphere, touch_chart
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.fit import placed
 from palpate.experiments import Experiment
-from palpate.inference.data import ExperimentData
-from palpate.inference.machine import Machine
-from palpate.inference.samples import Assembler, Sample
+from palpate.learning.data import ExperimentData
+from palpate.learning.learners import Diverged, ReconstructionLearner
+from palpate.learning.loop import train
+from palpate.learning.losses import Truth, reconstruction_loss
+from palpate.learning.machine import Machine
+from palpate.learning.recipes import ReconstructionSettings
+from palpate.learning.samples import Assembler, Sample
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
 from palpate.models.templates import Templates
 from palpate.touch.sensor import RESOLUTION
-from palpate.training.learners import Diverged, ReconstructionLearner
-from palpate.training.loop import train
-from palpate.training.losses import Truth, reconstruction_loss
-from palpate.training.recipes import ReconstructionSettings
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 from studies.subjects import Subject
 

@@ -15,7 +15,7 @@ from palpate.command import main
 from palpate.dataset.run import Run
 from palpate.dataset.validation import check_again, validate_batch, write_findings
 from palpate.experiments import Experiment
-from palpate.inference.data import ExperimentData
+from palpate.learning.data import ExperimentData
 from palpate.store import CONTRACT, StoreError
 from tests.store.conftest import ATTRIBUTES, BATCHES, REJECTED
 

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from palpate.evaluation import evaluate
 from palpate.experiments import Correction, Experiment
-from palpate.inference import checkpoints
-from palpate.inference.machine import Machine
-from palpate.training.learners import ReconstructionLearner
-from palpate.training.loop import train
-from tests.training.conftest import SETTINGS, made_up
-from tests.training.test_single_image import DECODERS
+from palpate.learning import checkpoints, evaluate
+from palpate.learning.learners import ReconstructionLearner
+from palpate.learning.loop import train
+from palpate.learning.machine import Machine
+from tests.learning.conftest import SETTINGS, made_up
+from tests.learning.test_single_image_losses import DECODERS
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
 

@@ -2,11 +2,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from palpate.evaluation.rows import EvaluationError
+from palpate.learning.rows import EvaluationError
 from palpate.results.bootstrap import Estimate
 from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, _groups, claims, decide, verdict
 from palpate.results.published import paper_rows, paper_values, published_experiments, terms
-from tests.evaluation import synthetic
+from tests.learning import synthetic
 
 MEANS = synthetic.published_means()
 RINGS = synthetic.published_rings()

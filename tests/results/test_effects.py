@@ -3,10 +3,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from palpate.evaluation.rows import COLUMNS
+from palpate.learning.rows import COLUMNS
 from palpate.results.effects import touch_effect, touch_effect_by_class
 from palpate.results.published import effects, paper_values
-from tests.evaluation import synthetic
+from tests.learning import synthetic
 
 MEANS = synthetic.published_means()
 POOLED = {f"pooled_{rest}": MEANS[f"charts_{rest}"] - 0.05 for rest in ("occluded_touch", "unoccluded_touch", "touch")}

@@ -2,10 +2,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, EvaluationError, read
+from palpate.learning.rows import COLUMNS, RING_COLUMNS, EvaluationError, read
 from palpate.results.errors import errors
 from palpate.results.model_tables import ring_errors, ring_key, touch_errors
-from tests.evaluation import synthetic
+from tests.learning import synthetic
 
 MEANS = {"charts_touch": 3.0, "charts_occluded": 1.0}
 

@@ -3,7 +3,7 @@ import pytest
 import torch
 from PIL import Image
 
-from palpate.inference import checkpoints
+from palpate.learning import checkpoints
 from palpate.models import TouchDepth
 from palpate.results import local_predictions as figure
 

@@ -5,7 +5,7 @@ from matplotlib.image import imread
 
 from palpate.experiments import Experiment
 from palpate.results import model_figures as figures
-from tests.evaluation import synthetic
+from tests.learning import synthetic
 
 
 def drawn(path) -> np.ndarray:

@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from palpate.evaluation.rows import EvaluationError
 from palpate.experiments import Correction, Experiment
+from palpate.learning.rows import EvaluationError
 from palpate.results import model_tables as tables
 from palpate.results.tables import display, write_table
-from tests.evaluation import synthetic
+from tests.learning import synthetic
 
 CLASSES = ["bottle", "knife", "cellphone", "rifle"]
 

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.results import claims, dataset_tables, effects, model_tables
 from palpate.results.tables import write_table
-from tests.evaluation import synthetic
+from tests.learning import synthetic
 
 OWN = {"bottle": "lamp", "knife": "mug", "cellphone": "sock", "rifle": "total"}  # sorted as theirs are
 MIXED = OWN | {"rifle": "rifle"}

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.results import products
 from palpate.results.products import caption, find, needed_splits
-from tests.evaluation.synthetic import DECLARED
+from tests.learning.synthetic import DECLARED
 
 WORST = '''
 from palpate.results import products

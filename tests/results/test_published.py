@@ -9,8 +9,8 @@ from palpate.results.claims import decide
 from palpate.results.effects import touch_effect
 from palpate.results.products import needed_splits
 from palpate.results.published import exchanged, paper_values, published_experiments, terms
-from tests.evaluation import synthetic
-from tests.evaluation.synthetic import DECLARED
+from tests.learning import synthetic
+from tests.learning.synthetic import DECLARED
 
 CLASSES = ["bottle", "knife", "cellphone", "rifle"]
 

@@ -5,14 +5,14 @@ from PIL import Image
 
 from palpate.architectures import Architecture
 from palpate.charts import sphere, touch_chart, vision_atlas
-from palpate.evaluation.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Shape
 from palpate.experiments import Experiment
-from palpate.inference import checkpoints
+from palpate.learning import checkpoints
+from palpate.learning.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Shape
 from palpate.models import TouchDepth
 from palpate.models.templates import Templates
 from palpate.results import products
 from palpate.results import reconstructions as figure
-from tests.evaluation.synthetic import DECLARED
+from tests.learning.synthetic import DECLARED
 from tests.models.batches import SMALL
 
 EXPERIMENTS = {

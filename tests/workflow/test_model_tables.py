@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from palpate.results.published import effects
-from tests.evaluation.synthetic import DECLARED, EXPERIMENTS
+from tests.learning.synthetic import DECLARED, EXPERIMENTS
 from tests.workflow.conftest import PROJECT, run_snakemake
 
 GRASPS = DECLARED.tables["grasps"].by_name

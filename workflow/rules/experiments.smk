@@ -1,5 +1,5 @@
 # What a training or evaluation of an experiment reads.
-from palpate.inference import inputs
+from palpate.learning import inputs
 
 
 def require_grasps(experiments):

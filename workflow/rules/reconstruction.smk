@@ -1,4 +1,4 @@
-from palpate.training import tuning
+from palpate.learning import tuning
 
 TUNED = EXPERIMENTS.experiments.get("charts_occluded_touch")
 try:
@@ -9,7 +9,7 @@ except ConfigError as error:
 POINTS = {str(Path(*(f"{key}~{value}" for key, value in point.items()))): point for point in grid}
 
 
-# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/inference/inputs.py).
+# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/learning/inputs.py).
 rule reconstruction:
     input:
         unpack(lambda wildcards: stores_of([EXPERIMENTS.experiments[wildcards.experiment]], training=True)),

@@ -9,9 +9,9 @@ import torch
 
 from palpate import checksums, provenance, store
 from palpate.charts.atlas import TOUCH_VERTICES
-from palpate.inference.checkpoints import load_touch_depth, require_sensor
-from palpate.inference.machine import Machine
-from palpate.inference.touches import object_charts
+from palpate.learning.checkpoints import load_touch_depth, require_sensor
+from palpate.learning.machine import Machine
+from palpate.learning.touch_charts import object_charts
 from palpate.sensor import Sensor
 
 log = logging.getLogger(__name__)

@@ -3,7 +3,7 @@
 evaluations/<experiment>/seed-<k>.csv          a row a sample: experiment, seed, object, class, split, window, chamfer
                                                (m^2 x 9000), f1_tau, f1_2tau (%, Pixel2Mesh's protocol), bend
                                                (degrees), folded (%), gap (mm), across (degrees;
-                                               palpate.evaluation.surface_quality), seconds (of the prediction), steps
+                                               palpate.learning.surface_quality), seconds (of the prediction), steps
 evaluations/rings/<experiment>/seed-<k>.csv    a row a sample, touch and ring of true surface around it: experiment,
                                                seed, object, class, split, window, grasp, sensor, ring (1..5), points,
                                                distance (mean squared, m^2, from these points to the prediction), steps
@@ -27,13 +27,13 @@ import torch
 
 from palpate import Dataset
 from palpate.atomic import atomic_write
-from palpate.evaluation import evaluate
-from palpate.evaluation.selection import evaluate_selection
 from palpate.experiments import Experiment
-from palpate.inference.checkpoints import load_touch_depth
-from palpate.inference.data import ExperimentData
-from palpate.inference.inputs import inputs as arrays_of
-from palpate.inference.machine import Machine
+from palpate.learning import evaluate
+from palpate.learning.checkpoints import load_touch_depth
+from palpate.learning.data import ExperimentData
+from palpate.learning.inputs import inputs as arrays_of
+from palpate.learning.machine import Machine
+from palpate.learning.selection import evaluate_selection
 
 inputs, params, wildcards = snakemake.input, snakemake.params, snakemake.wildcards
 run = Path(inputs.catalogue).parent

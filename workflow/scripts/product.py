@@ -18,7 +18,7 @@ product, _ = products.find("tables" if snakemake.rule == "table" else "figures",
 make = product.load()  # first of all: it may load Blender, which comes before what loads embree
 
 if product.kind == "tables" or {"evaluations", "rings", "selections", "touches"} & {*product.parameters}:
-    from palpate.evaluation import rows  # loads pandas, which figures of the dataset don't need
+    from palpate.learning import rows  # loads pandas, which figures of the dataset don't need
     from palpate.results.tables import write_table
 
 inputs, values = snakemake.input, snakemake.params.values

@@ -8,7 +8,7 @@ from workflow.run.job import log_to
 from pathlib import Path
 
 from palpate import mesh, provenance, store
-from palpate.evaluation import rings
+from palpate.learning import rings
 from palpate.sensor import Sensor
 
 log_to(snakemake.log[0])

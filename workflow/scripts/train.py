@@ -14,13 +14,13 @@ from pathlib import Path
 
 from palpate import Dataset
 from palpate.experiments import Experiment
-from palpate.inference.data import ExperimentData
-from palpate.inference.machine import Machine
-from palpate.training import tuning
-from palpate.training.learners import ReconstructionLearner, TouchDepthLearner
-from palpate.training.loop import train
-from palpate.training.recipes import ReconstructionSettings, TouchDepthSettings
-from palpate.training.touches import read_touches
+from palpate.learning import tuning
+from palpate.learning.data import ExperimentData
+from palpate.learning.learners import ReconstructionLearner, TouchDepthLearner
+from palpate.learning.loop import train
+from palpate.learning.machine import Machine
+from palpate.learning.recipes import ReconstructionSettings, TouchDepthSettings
+from palpate.learning.touch_readings import read_touches
 
 log_to(snakemake.log[0])
 params, folder = snakemake.params, Path(snakemake.output.model).parent

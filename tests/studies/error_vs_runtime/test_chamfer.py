@@ -5,9 +5,9 @@ import pytest
 import torch
 import trimesh
 
+from palpate.learning.losses import Truth
 from palpate.mesh.distance import Surface
 from palpate.protocol import CHAMFER_SCALE
-from palpate.training.losses import Truth
 from studies.error_vs_runtime import chamfer
 from studies.error_vs_runtime.chamfer import Chamfer, Pair, exact, training_loss
 from studies.surface_distance import sample

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from palpate.charts import sample_faces
-from palpate.evaluation.metrics import score
+from palpate.learning.metrics import score
 from studies.error_vs_runtime import reconstruction
 from studies.error_vs_runtime.reconstruction import ReconstructionStudy, chamfer
-from tests.training.conftest import ARCHITECTURE, SETTINGS, made_up
+from tests.learning.conftest import ARCHITECTURE, SETTINGS, made_up
 
 # Instance norm: a mean over a batch would differ between batches.
 LAYERS = replace(ARCHITECTURE, encoder=replace(ARCHITECTURE.encoder, norm="instance"))

@@ -11,10 +11,10 @@ from palpate import Dataset
 from palpate.architectures import Architecture
 from palpate.charts import Graph, touch_chart
 from palpate.charts.graph import mesh_edges
-from palpate.inference.data import ExperimentData
-from palpate.inference.inputs import INPUTS, inputs, stages
-from palpate.inference.samples import Assembler, windows
-from palpate.training.samples import training_samples
+from palpate.learning.data import ExperimentData
+from palpate.learning.draws import training_samples
+from palpate.learning.inputs import INPUTS, inputs, stages
+from palpate.learning.samples import Assembler, windows
 from studies.omitted.models import (
     BOTH,
     IMAGE,
@@ -30,9 +30,9 @@ from studies.omitted.models import (
     difference,
     predict,
 )
+from tests.learning.test_data import made  # noqa: F401
 from tests.models.batches import SMALL as ROW
 from tests.models.batches import random_batch
-from tests.training.test_data import made  # noqa: F401
 
 SMALL = Architecture.from_row(ROW)
 NO_COPY, NO_COMM = (replace(BOTH, strategy=strategy) for strategy in ("no_copy", "no_comm"))

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from palpate.training import loop
+from palpate.learning import loop
 from studies.stability.cases import FAILS, examine
 from studies.stability.losses import CASES, small_data
 from studies.subjects import Subject

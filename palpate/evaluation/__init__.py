@@ -1,1 +1,0 @@
-"""Evaluation: errors of trained models' predictions; and `palpate.reconstruct`."""

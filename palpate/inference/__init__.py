@@ -1,1 +1,0 @@
-"""What training, evaluation and `palpate.reconstruct` share: arrays in memory, samples, batches, and trained models."""

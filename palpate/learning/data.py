@@ -1,0 +1,140 @@
+"""The arrays of an experiment in memory, read once from a run's stores, for training and evaluation.
+
+`palpate/learning/inputs.py` lists the arrays of an experiment and their types. Shapes are the contract's of what is
+stored (docs/dataset.md), in the world frame. Silhouettes have those of masks, and `image_camera` is (o, k, 3, 4) to
+pixels. Objects are those that all stores of the arrays have.
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from palpate.catalogue import SPLITS
+from palpate.dataset import Dataset
+from palpate.experiments import Experiment
+from palpate.learning.inputs import Input, camera_array, inputs, stages
+from palpate.sensor import DIGIT, Sensor
+
+IN_MEMORY = "the data in memory"  # in messages
+
+
+class ExperimentDataError(ValueError):
+    """A run's data can't be used for an experiment; the message names them and what to do."""
+
+
+class ExperimentData:
+    """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
+
+    arrays: by name, among them `object`, `class` and `split` (o,). source: their name for messages. sensor: the kind of
+    touch sensor that touches are of. one_size: whether all objects were scaled to one size.
+
+    Attributes:
+        objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that axis.
+        hand_sensors: s, None if no array has that axis. largest: m, the diagonal of the box of the largest object of
+        the train split, if objects keep their size; None where all have one size.
+
+    Raises ExperimentDataError, naming the object, if a value is NaN or infinite.
+    """
+
+    def __init__(
+        self,
+        arrays: Mapping[str, Sequence[str] | np.ndarray],
+        source: str = IN_MEMORY,
+        sensor: Sensor = DIGIT,
+        one_size: bool = True,
+    ):
+        self.source, self.arrays, self.sensor = source, dict(arrays), sensor
+        self.objects, self.classes, self.splits = (
+            [str(name) for name in self.arrays.pop(key)] for key in ("object", "class", "split")
+        )
+        grasped = next((name for name in ("success", "occluded", "occluded_silhouette") if name in self), None)
+        self.grasps = self[grasped].shape[1] if grasped else 0
+        self.hand_sensors = self["success"].shape[2] if "success" in self else None
+        for name, values in self.arrays.items():
+            finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1) if values.dtype.kind == "f" else True
+            if not np.all(finite):
+                first = self.objects[int(np.argmin(finite))]
+                raise ExperimentDataError(f"{source}: {name} of {first} is NaN or infinite")
+        sized = [] if one_size else [self["points"][number].astype(float) for number in self.of_split("train")]
+        self.largest = max((float(np.linalg.norm(np.ptp(points, axis=0))) for points in sized), default=None)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all names and arrays."""
+        digest = hashlib.sha256("\0".join([*self.objects, *self.classes, *self.splits]).encode())
+        for name, values in self.arrays.items():
+            digest.update(f"\0{name} {values.dtype} {values.shape}".encode())
+            digest.update(np.ascontiguousarray(values).data)
+        return digest.hexdigest()
+
+    def images(self, experiment: Experiment) -> int:
+        """Images that an experiment has of one object, or of one grasp: its views, or cameras; 0 without vision."""
+        name = camera_array(experiment)
+        return self[name].shape[1] if name else 0
+
+    def common_camera(self, experiment: Experiment) -> np.ndarray | None:
+        """(3, 4) float32 the camera of all images of an experiment; None if there are several, or no images."""
+        name = camera_array(experiment)
+        if not name:
+            return None
+        cameras = self[name].reshape(-1, 3, 4)
+        return cameras[0] if (cameras == cameras[0]).all() else None
+
+    def image_size(self, experiment: Experiment) -> int | None:
+        """Width and height, pixels, of an experiment's images; None without vision."""
+        return self[experiment.vision].shape[-2] if experiment.has_vision else None
+
+    @classmethod
+    def load(
+        cls, run: Path | str, experiment: Experiment, splits: Iterable[str] = SPLITS, training: bool = False
+    ) -> "ExperimentData":
+        """The data of an experiment: the objects of some splits of a run. training: with what only trainings take.
+
+        Raises ExperimentDataError if no object is in all stores that the experiment needs; StoreError, naming the file
+        and the remedy, if a store is missing, can't be read, or has values that are not finite or out of their range.
+        """
+        needed = stages(experiment, training)
+        dataset = Dataset(run, needed)
+        if not len(dataset):
+            raise ExperimentDataError(f"{run}: no object is in all of {', '.join(needed)}; rejected.csv says why")
+        return cls.read(dataset, inputs(experiment, training), splits)
+
+    @classmethod
+    def read(cls, dataset: Dataset, arrays: Sequence[Input], splits: Iterable[str] = SPLITS) -> "ExperimentData":
+        """Some arrays of the objects of some splits of a dataset. Raises what `load` raises."""
+        records = [record for record in dataset if record.split in set(splits)]
+        chosen = dataset.select(record.name for record in records)
+        if not records:
+            raise ExperimentDataError(f"{dataset!r}: no object of {' or '.join(splits)}: more objects are needed")
+        columns = zip(*((record.name, record.class_name, record.split) for record in records), strict=True)
+        names = dict(zip(("object", "class", "split"), map(list, columns), strict=True))
+        touched = any(item.stage == "touch" for item in arrays)
+        loaded = {item.name: _read(chosen, item) for item in arrays}
+        one_size = all(record.normalised for record in records)
+        return cls(names | loaded, repr(chosen), dataset.sensor if touched else DIGIT, one_size)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.arrays:
+            raise ExperimentDataError(f"{self.source}: the experiment takes no {name}")
+        return self.arrays[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.arrays
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+    def of_split(self, *splits: str) -> list[int]:
+        """Numbers of the objects of these splits, in the catalogue's order."""
+        return [number for number, split in enumerate(self.splits) if split in splits]
+
+
+def _read(dataset: Dataset, item: Input) -> np.ndarray:
+    if item.name == "image_camera":
+        return dataset.cameras().astype(item.dtype)
+    if item.name == "hand_silhouette":
+        return np.isfinite(dataset.load("vision", "occluded_depth")) & (dataset.load("vision", "occluded_mask") == 0)
+    return dataset.load(item.stage, item.array, item.dtype)

@@ -1,0 +1,282 @@
+"""Errors of trained models on every object of a split, every ring around its touches, and every touch."""
+
+import logging
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import groupby, islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from palpate import checksums
+from palpate.charts import build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
+from palpate.dataset import Dataset
+from palpate.dataset.reader import GraspRecord, ObjectRecord
+from palpate.experiments import SPLITS, Experiment
+from palpate.learning import checkpoints
+from palpate.learning.checkpoints import require_sensor
+from palpate.learning.data import ExperimentData
+from palpate.learning.inputs import INPUTS
+from palpate.learning.machine import Machine
+from palpate.learning.metrics import ring_distances, score, seeded
+from palpate.learning.rings import SAMPLES, ring_points
+from palpate.learning.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
+from palpate.learning.samples import Assembler, Sample, windows
+from palpate.learning.surface_quality import surface_quality, topology
+from palpate.learning.touch_charts import channels_first, depth_to_points, predict_depth
+from palpate.models import Reconstruction, SingleImageModel, TouchDepth
+from palpate.models.retrieval import Objects, Retrieval
+from palpate.protocol import CHAMFER_SCALE, RINGS
+from palpate.rebuild_command import rebuild_command
+from palpate.sensor import DIGIT, Sensor
+
+log = logging.getLogger(__name__)
+
+BATCH_SIZE = 8  # samples that a model predicts together
+POINTS = 10_000  # on a prediction, and on the truth (the published evaluation)
+
+
+class Trained(NamedTuple):
+    """A trained model, with its experiment, seed, training steps and device."""
+
+    model: Reconstruction | SingleImageModel | Retrieval
+    experiment: Experiment
+    seed: int
+    steps: int
+    device: torch.device = torch.device("cpu")
+
+
+def load(model: Path | str, summary: Path | str, experiment: Experiment, seed: int, device: str) -> Trained:
+    """A model from its `best.ckpt` and `training.json`; device: `auto`, `cpu` or `gpu`.
+
+    Raises what `checkpoints.load` raises for a checkpoint of another experiment or schema version.
+    """
+    on = Machine(device).torch_device()
+    return Trained(checkpoints.load(model, experiment).to(on), experiment, seed, training_steps(summary), on)
+
+
+def retrieval(run: Path | str, experiment: Experiment, seed: int) -> Trained:
+    """The baseline of strategy `retrieval`, from the objects of a run's train split. Nothing is trained."""
+    sensor = Dataset(run, ["touch"]).sensor if experiment.touch else DIGIT
+    model = Retrieval(_training_objects(run, experiment.has_vision), experiment.correction, sensor)
+    return Trained(model, experiment, seed, steps=0)
+
+
+@cache
+def _training_objects(run: Path | str, has_vision: bool) -> Objects:
+    arrays = [INPUTS[name] for name in ("points", *["unoccluded_silhouette"] * has_vision)]
+    data = ExperimentData.read(Dataset(run, [item.stage for item in arrays]), arrays, ["train"])
+    return Objects(*(torch.from_numpy(data[item.name]) for item in arrays))
+
+
+def training_steps(summary: Path | str) -> int:
+    """Number of training steps of a model, from its `training.json`.
+
+    Raises EvaluationError, naming the file and the remedy, if it is missing, damaged or does not say.
+    """
+    summary = Path(summary)
+    remedy = f"remove it and train the model again with: {rebuild_command(summary)}"
+    try:
+        return int(checksums.read_record(summary, remedy)["steps"])
+    except checksums.DamagedFile as error:
+        raise EvaluationError(str(error)) from None
+    except (KeyError, TypeError, ValueError):
+        raise EvaluationError(f"{summary} does not say how many steps were trained; {remedy}") from None
+
+
+def evaluate(
+    trained: Trained, data: ExperimentData, points: int = POINTS, splits: Sequence[str] = SPLITS
+) -> pd.DataFrame:
+    """Score every sample (`palpate.learning.samples.windows`) of some splits: `rows.COLUMNS`, a row a sample.
+
+    `points` are sampled on the predicted mesh, from random numbers that depend on the object only, so that models
+    differ by their meshes only. `seconds` is the prediction's time, an equal share of its batch's. Raises
+    EvaluationError, naming the object, for a prediction that is not finite.
+    """
+    rows, last = [], None
+    surface = topology(trained.experiment.strategy)
+    for sample, prediction, seconds in predictions(trained, data, splits):
+        name = data.objects[sample.object]
+        vertices, faces = trained.model.mesh(prediction)
+        if last != sample.object:
+            cloud, last = torch.from_numpy(data["points"][sample.object]).to(trained.device), sample.object
+            tree = build_tree(cloud)
+        scores = score(points_on(vertices, faces, points, name), cloud, tree)
+        quality = surface_quality(vertices.cpu().numpy(), surface, tree)
+        rows.append(row_of(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def evaluate_rings(
+    trained: Trained, data: ExperimentData, dataset: Dataset, splits: Sequence[str], points: int = SAMPLES
+) -> pd.DataFrame:
+    """Distances from the true surface in the rings around each touch to the predictions of some splits.
+
+    Columns `rows.RING_COLUMNS`; a row for each sample, successful touch and ring. The touches are those of the sample's
+    grasps, or of all grasps if no input of the model depends on a grasp. `distance` (m^2) is nan for a ring without
+    surface. dataset: the run's, with its stores of touch and rings.
+    """
+    rows, touches, last = [], [], None
+    for sample, prediction, _ in predictions(trained, data, splits):
+        name = data.objects[sample.object]
+        if last != name:
+            touches, last = _touch_rings(dataset[name], dataset.sensor), name
+        # An object's touches in one search: its prediction and the search's start cost as much as a touch.
+        numbers = sample.grasps or range(len(touches))
+        chosen = [(number, sensor) for number in numbers for sensor in touches[number]]
+        rings = [ring for number, sensor in chosen for ring in touches[number][sensor]]
+        distances = ring_distances(rings, points_on(*trained.model.mesh(prediction), points, name))
+        places = ((*touch, ring) for touch in chosen for ring in RINGS)
+        for (grasp, sensor, ring), in_ring, distance in zip(places, rings, distances, strict=True):
+            ring_row = {"grasp": grasp, "sensor": sensor, "ring": ring, "points": len(in_ring), "distance": distance}
+            rows.append(row_of(trained, data, sample) | ring_row)
+    return pd.DataFrame(rows, columns=RING_COLUMNS)
+
+
+def _touch_rings(item: ObjectRecord, kind: Sensor) -> list[dict[int, list[np.ndarray]]]:
+    """The true surface points of the rings around each successful touch of an object: grasps, then by sensor."""
+    return [
+        {
+            sensor: ring_points(grasp.ring_depth[sensor], grasp.position[sensor], grasp.rotation[sensor], kind)
+            for sensor in np.flatnonzero(grasp.success)
+        }
+        for grasp in item.grasps
+    ]
+
+
+def predictions(
+    trained: Trained, data: ExperimentData, splits: Sequence[str]
+) -> Iterator[tuple[Sample, Tensor, float]]:
+    """Each sample of some splits with what the model predicts, as its `forward` says, and the seconds it took.
+
+    Raises EvaluationError if there is no object, and what `predict` raises; CheckpointError if the touches are of
+    another sensor than the model's.
+    """
+    model, experiment = trained.model, trained.experiment
+    samples = windows(data, experiment, *splits)
+    if not samples:
+        raise EvaluationError(
+            f"{data.source}: no object in {' or '.join(splits)}: more objects are needed (config classes)"
+        )
+    if experiment.touch:
+        require_sensor(model.hand_sensors, model.sensor, data.hand_sensors, data.sensor, f"model {experiment.name}")
+    assemble, label = Assembler(data, experiment, trained.device), f"{experiment.name} seed {trained.seed}"
+    bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
+    done = 0
+    for chosen in _batches(samples):
+        start = time.perf_counter()
+        vertices = predict(trained, assemble, chosen, data)
+        seconds = (time.perf_counter() - start) / len(chosen)
+        yield from ((sample, predicted, seconds) for sample, predicted in zip(chosen, vertices, strict=True))
+        bar.update(len(chosen))
+        done += len(chosen)
+        log.info("%s: %d of %d samples", label, done, len(samples))
+    bar.close()
+
+
+def predict(trained: Trained, assemble: Assembler, chosen: Sequence[Sample], data: ExperimentData) -> Tensor:
+    """What a model predicts of samples that have as many grasps each, (B, V, 3) vertices.
+
+    Raises EvaluationError, naming the object, if a prediction is not finite.
+    """
+    batch = assemble(chosen)
+    one_image = len({(sample.object, sample.view) for sample in chosen}) == 1
+    if trained.experiment.vision == "unoccluded" and one_image and "image" in batch:
+        batch["image"] = batch["image"][:1].expand_as(batch["image"])  # encoded once
+    with torch.inference_mode():
+        vertices = trained.model(batch).float()
+    if trained.device.type == "cuda":
+        torch.cuda.synchronize()
+    for sample, predicted in zip(chosen, vertices, strict=True):
+        if not torch.isfinite(predicted).all():
+            label, name = f"{trained.experiment.name} seed {trained.seed}", data.objects[sample.object]
+            raise EvaluationError(f"{label}: the prediction for {name} is not finite; train it again")
+    return vertices
+
+
+def _batches(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
+    """Samples that are predicted together: of one object where it has several, else of several objects."""
+    by_object = [list(group) for _, group in groupby(samples, lambda sample: sample.object)]
+    for left in map(iter, by_object if len(samples) > len(by_object) else [samples]):
+        while chosen := list(islice(left, BATCH_SIZE)):
+            yield chosen
+
+
+def points_on(vertices: Tensor, faces: Tensor, count: int, name: str) -> Tensor:
+    """(count, 3) points on a mesh, or its vertices if it has no faces; random by the object's name only."""
+    return sample_faces(vertices[None], faces, count, seeded(0, name, "evaluation"))[0] if len(faces) else vertices
+
+
+def row_of(trained: Trained, data: ExperimentData, sample: Sample) -> dict[str, Any]:
+    """The columns of evaluations that say what a sample is."""
+    return {
+        "experiment": trained.experiment.name,
+        "seed": trained.seed,
+        "object": data.objects[sample.object],
+        "class": data.classes[sample.object],
+        "split": data.splits[sample.object],
+        "window": sample.window,
+        "steps": trained.steps,
+    }
+
+
+def evaluate_touch(
+    model: TouchDepth, steps: int, dataset: Dataset, points: int = POINTS, splits: Sequence[str] = SPLITS
+) -> pd.DataFrame:
+    """Score the local predictions at every successful touch of some splits: `rows.TOUCH_COLUMNS`.
+
+    `cloud` is the Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels whose reading differs from the
+    untouched one, at the predicted depth) to the true one; `chart` that of `points` sampled on the touch chart that was
+    fitted to it. model: in evaluation mode, on any device; steps: those it was trained for. dataset: the run's, with
+    its stores of touch and charts.
+
+    Raises EvaluationError if these splits have no successful touch; CheckpointError if they are of another sensor.
+    """
+    require_sensor(None, model.sensor, None, dataset.sensor, "the model of touches")
+    records = [record for record in dataset if record.split in splits]
+    rows, empty = [], channels_first(dataset.empty_reading)
+    for record in tqdm(records, desc="touch depth", unit="object", disable=not sys.stderr.isatty()):
+        for grasp in record.grasps:
+            sensors = np.flatnonzero(grasp.success)
+            draw = seeded(0, record.name, str(grasp.number), "evaluation")
+            scores = _local_scores(model, grasp, sensors, empty, points, draw)
+            for sensor, cloud, chart in zip(sensors, *scores, strict=True):
+                rows.append((record.name, record.class_name, record.split, grasp.number, sensor, cloud, chart, steps))
+        log.info("%s: %d touches so far", record.name, len(rows))
+    if not rows:
+        raise EvaluationError(f"no successful touch in {' or '.join(splits)}: more objects are needed (config classes)")
+    return pd.DataFrame(rows, columns=TOUCH_COLUMNS)
+
+
+def _on_charts(charts: Tensor, points: int, draw: torch.Generator) -> list[Tensor]:
+    """So many points on each of touch charts (T, 81, 3); its vertices where a contact of one pixel left it no area."""
+    faces = touch_chart().faces.to(charts.device)
+    has_area = face_areas(charts[:, faces]).sum(dim=1) > 0
+    sampled = iter(sample_faces(charts[has_area], faces, points, draw))
+    return [next(sampled) if area else chart for chart, area in zip(charts, has_area, strict=True)]
+
+
+def _local_scores(
+    model: TouchDepth, grasp: GraspRecord, sensors: np.ndarray, empty: Tensor, points: int, draw: torch.Generator
+) -> tuple[list[float], list[float]]:
+    """Errors (m^2 x 9000) of the clouds and of the charts of some sensors of one grasp."""
+    if not len(sensors):
+        return [], []
+    device, size = next(model.parameters()).device, model.sensor.size
+    depth, valid = predict_depth(model, channels_first(grasp.reading[sensors]).to(device), empty.to(device))
+    true = torch.from_numpy(grasp.depth[sensors]).to(device)
+    # A distance does not depend on the frame: clouds are compared in the sensor's, charts in the world.
+    clouds = [cloud[mask] for cloud, mask in zip(depth_to_points(depth, size), valid, strict=True)]
+    truths = [cloud[mask] for cloud, mask in zip(depth_to_points(true, size), torch.isfinite(true), strict=True)]
+    chart = torch.from_numpy(grasp.vertices[sensors]).to(device)
+    on_charts = _on_charts(chart, points, draw)
+    world = [torch.from_numpy(grasp.points[sensor]).to(device) for sensor in sensors]
+    scores = chamfer_distance(clouds, truths), chamfer_distance(on_charts, world)
+    return tuple((CHAMFER_SCALE * errors).tolist() for errors in scores)

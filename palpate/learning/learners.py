@@ -1,0 +1,262 @@
+"""What a training does in a step, and in a validation.
+
+All random numbers of a step follow from the seed and the step's number, so that an interrupted training resumes without
+any difference.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
+
+from palpate.charts.atlas import radius_around
+from palpate.experiments import Experiment
+from palpate.learning import checkpoints
+from palpate.learning.data import ExperimentData, ExperimentDataError
+from palpate.learning.draws import shuffled, spread, training_samples
+from palpate.learning.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss
+from palpate.learning.recipes import ReconstructionSettings, Settings, TouchDepthSettings
+from palpate.learning.samples import Assembler, grasps_per_sample, windows
+from palpate.learning.single_image_losses import LOSSES
+from palpate.learning.touch_charts import touched
+from palpate.learning.touch_readings import Touches
+from palpate.models import TouchDepth
+from palpate.models.reconstruction import HAND_SENSORS
+from palpate.models.templates import Templates, shrunk
+
+log = logging.getLogger(__name__)
+
+WARM_UP = 0.1  # share of the steps in which the schedule one_cycle rises to the highest rate
+FIRST, LAST = 0.04, 1e-4  # of the highest rate: where it begins and ends
+VALIDATION_SEED = 1  # the same points in every validation of every model, so that their losses compare
+
+
+class Diverged(RuntimeError):
+    """A prediction, the loss, or its gradient is NaN or infinite, where the message names the sample; or no gradient
+    reaches the network."""
+
+
+class Learner(nn.Module):
+    """A model and how it is trained: `learner(step)` is the loss of a training step.
+
+    Subclasses define `kind` (of their checkpoints), `training_batch(step)` (the samples of a step),
+    `sample_names(batch_samples)` (for messages), `losses(batch_samples, generator, validation=False)` (B,), and
+    `described()` (what a checkpoint states of the model besides its weights).
+
+    model: to be trained. settings: of the recipe. seed: of the order of samples and of points. samples: number of
+    training samples. validation_samples: those of a validation, in order.
+
+    Attributes: steps, number of training steps; validation_interval, steps between validations; rank, processes, of
+    those that each take a share of a batch (there is one for each GPU); step, the one that was begun last.
+    """
+
+    def __init__(self, model: nn.Module, settings: Settings, seed: int, samples: int, validation_samples: Sequence):
+        super().__init__()
+        self.model, self.settings, self.seed = model, settings, seed
+        self.validation_samples = validation_samples
+        epoch_steps = -(-samples // settings.batch)
+        limits = [settings.steps, settings.epochs and settings.epochs * epoch_steps]
+        self.steps = min(limit for limit in limits if limit)
+        self.validation_interval = min(settings.evaluate_every or epoch_steps, self.steps)
+        self.rank, self.processes, self.step = 0, 1, -1
+
+    @property
+    def device(self) -> torch.device:
+        """Where the model is."""
+        return next(self.model.parameters()).device
+
+    def begin(self, rank: int = 0, processes: int = 1) -> None:
+        """Takes the data to the model's device; to be called before the first step."""
+        self.rank, self.processes = rank, processes
+
+    def stated(self) -> dict[str, Any]:
+        """What checkpoint and summary state of the model and its training, besides the weights."""
+        return {"kind": self.kind, **self.described(), "settings": self.settings.row(), "seed": self.seed}
+
+    def optimiser(self, device: torch.device) -> tuple[torch.optim.Optimizer, LRScheduler]:
+        """Adam, and the schedule of its rate, for a training on a device."""
+        # One pass over all weights on a CPU; a GPU has its own way.
+        fused = device.type == "cpu" or None
+        rate = self.settings.rate
+        optimiser = torch.optim.Adam(self.model.parameters(), lr=rate, fused=fused)
+        if self.settings.schedule == "constant":
+            return optimiser, LambdaLR(optimiser, lambda step: 1.0)
+        # The rate reaches `LAST` after the last step, hence one more; torch's rise ends a step before its share.
+        return optimiser, OneCycleLR(
+            optimiser,
+            rate,
+            total_steps=self.steps + 1,
+            pct_start=(WARM_UP * self.steps + 1) / (self.steps + 1),
+            div_factor=1 / FIRST,
+            final_div_factor=FIRST / LAST,
+            cycle_momentum=False,
+        )
+
+    def forward(self, step: int) -> Tensor:
+        """The mean loss of a training step. Raises Diverged if it is not finite."""
+        self.step, batch_samples = step, self._share(self.training_batch(step))
+        losses = self.losses(batch_samples, self._generator(self.seed, step))
+        self.check_finite("the loss", losses, batch_samples, f"step {step}")
+        return losses.mean()
+
+    def validation_losses(self) -> Tensor:
+        """The losses (n,) float64 of this process's share of the validation samples, in batches as of a step."""
+        found, size = [], self.settings.batch
+        for number, first in enumerate(range(0, len(self.validation_samples), size)):
+            batch_samples = self._share(self.validation_samples[first : first + size])
+            losses = self.losses(batch_samples, self._generator(VALIDATION_SEED, number), validation=True)
+            self.check_finite("the loss", losses, batch_samples, "the validation")
+            found.append(losses.double())
+        return torch.cat(found)
+
+    def step_name(self) -> str:
+        """The step that was begun last, for messages."""
+        return f"step {self.step}: {self.sample_names(self._share(self.training_batch(self.step)))}"
+
+    def check_finite(self, what: str, values: Tensor, batch_samples: Any, where: str = "") -> None:
+        """Raises Diverged, naming the first sample of a batch whose values (B, ...) are not finite."""
+        is_finite = torch.isfinite(values.detach()).flatten(1).all(dim=1) if values.ndim > 1 else values.isfinite()
+        if not is_finite.all():
+            first = int((~is_finite).nonzero()[0])
+            sample = f"{where}, " * bool(where) + self.sample_names(batch_samples[first : first + 1])
+            raise Diverged(f"{what} is NaN or infinite: {sample}")
+
+    def _share(self, batch_samples: Sequence) -> Sequence:
+        return batch_samples[self.rank :: self.processes]
+
+    def _generator(self, seed: int, step: int) -> torch.Generator:
+        number = ((seed << 32) + step) * 64 + self.rank
+        return torch.Generator().manual_seed(number % (1 << 63))
+
+
+class ReconstructionLearner(Learner):
+    """Trains reconstruction on the objects of the train split, for one experiment.
+
+    data: of the train and validation splits. Raises ExperimentDataError if a split has no object.
+    """
+
+    kind = "reconstruction"
+
+    def __init__(self, data: ExperimentData, experiment: Experiment, settings: ReconstructionSettings, seed: int):
+        architecture = settings.architecture
+        if data.largest is not None:
+            architecture = replace(architecture, radius=radius_around(data.largest))
+        train = data.of_split("train")
+        validation_samples = spread(windows(data, experiment, "validation"), settings.validation_samples)
+        if experiment.fewer_grasps:  # batch by batch another number of touched grasps
+            counts = range(experiment.fewest_grasps, grasps_per_sample(data, experiment) + 1)
+            validation_samples = [
+                sample._replace(touched=counts[k // settings.batch % len(counts)])
+                for k, sample in enumerate(validation_samples)
+            ]
+        for split, number in {"train": len(train), "validation": len(validation_samples)}.items():
+            if not number:
+                raise ExperimentDataError(f"{data.source}: no object of the {split} split: more objects are needed")
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            hand_sensors = data.hand_sensors or HAND_SENSORS
+            templates = _templates(data, train) if experiment.strategy == "template" else None
+            model = checkpoints.build(experiment, architecture, hand_sensors, data.sensor, templates)
+        by_grasp = settings.epoch == "grasps" and experiment.takes_grasps
+        super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), validation_samples)
+        self.data, self.experiment = data, experiment
+        self.template = {number: place for place, number in enumerate(train)}
+
+    def begin(self, rank=0, processes=1):
+        super().begin(rank, processes)
+        self.assemble = Assembler(self.data, self.experiment, self.device)
+        self.truth = Truth(torch.from_numpy(self.data["points"]).to(self.device))
+
+    def training_batch(self, step):
+        settings = self.settings
+        return training_samples(self.data, self.experiment, settings.batch, self.seed, step, settings.epoch)
+
+    def sample_names(self, batch_samples):
+        names = self.data.objects
+        return ", ".join(f"{names[each.object]} grasps {list(each.grasps)} view {each.view}" for each in batch_samples)
+
+    def losses(self, batch_samples, generator, validation=False):
+        if not batch_samples:
+            return torch.empty(0, device=self.device)
+        model, strategy = self.model, self.experiment.strategy
+        batch = self.assemble(batch_samples)
+        if strategy == "template":  # an object is no template of its own
+            batch["excluded"] = torch.tensor([self.template.get(sample.object, -1) for sample in batch_samples])
+        predictions = [model(batch)] if validation else model.stages(batch)
+        for prediction in predictions:
+            self.check_finite("the prediction", prediction, batch_samples)
+        points = self.settings.validation_points if validation else self.settings.loss_points
+        against = self.truth, [sample.object for sample in batch_samples], points, generator
+        with torch.autocast(self.device.type, enabled=False):
+            if validation:
+                return cloud_loss(model.sample(predictions[-1].float(), points, generator), *against)
+            return LOSSES.get(strategy, moving_charts_loss)(model, predictions, *against)
+
+    def described(self):
+        camera = self.data.common_camera(self.experiment)
+        described = {
+            "experiment": self.experiment.row(),
+            "architecture": self.model.architecture.row(),
+            "data": self.data.digest,
+            # What an image is taken to be of that comes without its camera.
+            "camera": None if camera is None else camera.tolist(),
+            "image_size": self.data.image_size(self.experiment),
+        }
+        if self.experiment.touch:
+            described |= {"hand_sensors": self.model.hand_sensors, "sensor": self.model.sensor.description()}
+        return described
+
+
+def _templates(data: ExperimentData, objects: Sequence[int]) -> Templates:
+    """The templates of strategy `template`: the fitted charts and the silhouettes of some objects."""
+    name = "unoccluded_silhouette"
+    masks = shrunk(torch.from_numpy(data[name][objects])) if name in data else None
+    return Templates(torch.from_numpy(data["template"][objects]), masks)
+
+
+class TouchDepthLearner(Learner):
+    """Trains the U-Net on the successful touches of the train split: depth from readings."""
+
+    kind = "touch_depth"
+
+    def __init__(self, train: Touches, validation: Touches, settings: TouchDepthSettings, seed: int):
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            model = TouchDepth(settings.width, train.sensor)
+        count = min(settings.validation_samples or len(validation), len(validation))
+        # Evenly, not the first: touches come object by object.
+        chosen = torch.arange(count) * len(validation) // count
+        super().__init__(model, settings, seed, len(train), chosen.numpy())
+        self.touches = {"train": train, "validation": validation}
+
+    def begin(self, rank=0, processes=1):
+        super().begin(rank, processes)
+        self.on_device = {
+            name: Touches(*(tensor.to(self.device) for tensor in touches[:3]), touches.sensor)
+            for name, touches in self.touches.items()
+        }
+
+    def training_batch(self, step):
+        return shuffled(len(self.touches["train"]), self.settings.batch, self.seed, step)
+
+    def sample_names(self, batch_samples):
+        return "touches " + ", ".join(str(int(row)) for row in batch_samples)
+
+    def losses(self, batch_samples, generator, validation=False):
+        if not len(batch_samples):
+            return torch.empty(0, device=self.device)
+        touches = self.on_device["validation" if validation else "train"]
+        rows = torch.as_tensor(batch_samples, device=self.device)
+        reading, empty = touches.reading[rows].float() / 255, touches.empty.float() / 255
+        depth = self.model(reading)
+        self.check_finite("the prediction", depth, batch_samples)
+        with torch.autocast(self.device.type, enabled=False):
+            valid, n = touched(reading, empty), self.settings.loss_points
+            return touch_depth_loss(depth.float(), valid, touches.depth[rows], n, generator, touches.sensor.size)
+
+    def described(self):
+        return {"width": self.settings.width, "sensor": self.model.sensor.description()}

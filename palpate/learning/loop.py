@@ -1,0 +1,259 @@
+"""Training from start to end: it resumes where it was interrupted, and keeps the best model by validation."""
+
+import csv
+import hashlib
+import json
+import logging
+import math
+import shutil
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning_fabric import Fabric
+from tqdm import tqdm
+
+from palpate import checksums
+from palpate.atomic import atomic_write
+from palpate.learning import checkpoints
+from palpate.learning.learners import Diverged, Learner
+from palpate.learning.machine import Machine
+
+log = logging.getLogger(__name__)
+
+HISTORY = ("step", "seconds", "train_loss", "validation_loss", "rate")
+# Between lines of progress in a log: seconds, and a share of the time so far. Few lines, however long it takes.
+LOG_EVERY, LOG_SHARE = 10.0, 0.02
+BEST, LAST = "best.ckpt", "last.ckpt"
+# Of the weights without a gradient. A layer of ReLUs that is 0 for every input keeps the gradient from all before it:
+# 99.9994 % of the weights of such a network, 1 to 11 % of others (docs/evidence/trials.md).
+MOST_IDLE = 0.99
+PRECISIONS = ("32-true", "bf16-mixed")
+
+
+class Training:
+    """A training in progress: its history, its steps, and its checkpoints.
+
+    folder: of the checkpoints. label: for progress. name: of the model in its run, which the best one states.
+    """
+
+    def __init__(self, learner: Learner, fabric: Fabric, folder: Path, label: str, name: str | None = None):
+        self.learner, self.fabric, self.folder, self.label, self.name = learner, fabric, folder, label, name
+        optimiser, self.schedule = learner.optimiser(fabric.device)
+        self.module, self.optimiser = fabric.setup(learner, optimiser)
+        learner.begin(fabric.global_rank, fabric.world_size)
+        self.history: list[dict[str, float]] = []
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What a training goes on from."""
+        parts = {"model": self.learner.model, "optimiser": self.optimiser, "schedule": self.schedule}
+        return {**parts, "history": self.history}
+
+    @property
+    def best(self) -> dict[str, float]:
+        """The row of the history with the lowest validation loss."""
+        return min(self.history, key=lambda row: row["validation_loss"])
+
+    @property
+    def done(self) -> int:
+        """Steps that were made and evaluated."""
+        return self.history[-1]["step"] if self.history else 0
+
+    @property
+    def out_of_patience(self) -> bool:
+        """Whether the last evaluations, as many as the settings' patience, were no better."""
+        patience = self.learner.settings.patience
+        return bool(patience and self.history) and self.history.index(self.best) + patience < len(self.history)
+
+    def resume(self, path: Path) -> None:
+        """Go on from a state that was saved."""
+        state = self.state
+        self.fabric.load(path, state, weights_only=True)
+        self.history = state["history"]
+
+    def run(self) -> None:
+        """All steps that are left, each evaluation with a row of the history and a checkpoint."""
+        learner, began_at, start = self.learner, self.done, time.perf_counter()
+        before, logged = self.history[-1]["seconds"] if self.history else 0.0, start
+        hidden = not sys.stderr.isatty()
+        bar = tqdm(total=learner.steps, initial=began_at, desc=self.label, unit="step", disable=hidden)
+        while self.done < learner.steps and not self.out_of_patience:
+            losses = []
+            for step in range(self.done, min(self.done + learner.validation_interval, learner.steps)):
+                losses.append(self._step(step))
+                bar.update()
+                now = time.perf_counter()
+                if now - logged >= max(LOG_EVERY, LOG_SHARE * (now - start)) or step + 1 == learner.steps:
+                    logged = now
+                    self._log_progress(step + 1, (step + 1 - began_at) / (now - start), torch.stack(losses).mean())
+            if (idle := self._idle()) > MOST_IDLE:
+                raise Diverged(
+                    f"by step {step + 1} the network is dead: {idle:.4%} of its weights get no gradient, and its "
+                    "prediction no longer depends on its input"
+                )
+            row = {
+                "step": step + 1,
+                "train_loss": float(torch.stack(losses).double().mean()),
+                "validation_loss": self._validation_loss(),
+                "rate": self.schedule.get_last_lr()[0],
+                "seconds": round(before + time.perf_counter() - start, 2),
+            }
+            self.history.append(row)
+            self._save()
+            bar.set_postfix_str(f"validation {row['validation_loss']:.3f}, best {self.best['validation_loss']:.3f}")
+        bar.close()
+        if self.out_of_patience:
+            patience = learner.settings.patience
+            log.info("%s: no better for %d evaluations: stopped at step %d", self.label, patience, self.done)
+
+    def _step(self, step: int) -> torch.Tensor:
+        """Make a step; returns its loss."""
+        self.module.train()
+        self.optimiser.zero_grad()
+        loss = self.module(step)
+        self.fabric.backward(loss)
+        clip = self.learner.settings.clip or math.inf
+        norm = self.fabric.clip_gradients(self.module, self.optimiser, max_norm=clip, error_if_nonfinite=False)
+        if not math.isfinite(norm):  # One such gradient would turn every weight into NaN.
+            raise Diverged(f"the gradient is NaN or infinite in {self.learner.step_name()}")
+        self.optimiser.step()
+        self.schedule.step()
+        return loss.detach()
+
+    def _idle(self) -> float:
+        """The share of the weights whose gradient was 0 in the last step."""
+        gradients = [weights.grad for weights in self.learner.model.parameters() if weights.grad is not None]
+        return sum(int((each == 0).sum()) for each in gradients) / sum(each.numel() for each in gradients)
+
+    @torch.inference_mode()
+    def _validation_loss(self) -> float:
+        """The mean loss of the validation samples of all processes."""
+        self.module.eval()
+        with self.fabric.autocast():
+            losses = self.learner.validation_losses()
+        total = torch.stack([losses.sum(), losses.new_tensor(float(len(losses)))])
+        total = self.fabric.all_reduce(total, reduce_op="sum")
+        return float(total[0] / total[1])
+
+    def _save(self) -> None:
+        """Write the state, and the model if it is the best so far."""
+        row, partial = self.history[-1], self.folder / f".partial-{LAST}"
+        if self.best is row and self.fabric.is_global_zero:
+            reached = {"name": self.name, "step": row["step"], "validation_loss": row["validation_loss"]}
+            stated = self.learner.stated() | reached
+            checkpoints.save(self.folder / BEST, self.learner.kind, self.learner.model, stated)
+        self.fabric.save(partial, self.state)
+        if self.fabric.is_global_zero:
+            partial.replace(self.folder / LAST)
+
+    def _log_progress(self, done: int, rate: float, loss: torch.Tensor) -> None:
+        best = ""
+        if self.history:
+            best = f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
+        steps = self.learner.steps
+        log.info("%s: step %d of %d, %.2f a second, loss %.3f%s", self.label, done, steps, rate, float(loss), best)
+
+
+def train(
+    learner: Learner, folder: Path | str, checkpoint_folder: Path | str, machine: Machine, label: str
+) -> dict[str, Any]:
+    """Train a model, or resume an interrupted training of the same model; the result is the same.
+
+    learner: the model with its data and settings. folder: gets `best.ckpt` (see `checkpoints`), `training.json` (which
+    is returned), and `history.csv` (step, seconds, train_loss, validation_loss, rate: a row an evaluation, losses in
+    the tables' unit). checkpoint_folder: checkpoints of the training in progress; removed at the end. Those of another
+    config or other data are ignored. label: for progress.
+
+    Raises Diverged, naming the sample and the last good checkpoint, if the prediction, the loss or its gradient becomes
+    NaN or infinite, before any weight is changed by it; Diverged too if at an evaluation no gradient reaches the
+    network; ValueError for a precision below float32.
+    """
+    folder, checkpoints_folder = Path(folder), Path(checkpoint_folder)
+    if machine.precision not in PRECISIONS:
+        raise ValueError(f"precision {machine.precision!r}: choose one of {', '.join(PRECISIONS)}")
+    torch.set_num_threads(machine.threads)
+    accelerator = machine.accelerator()
+    devices = machine.devices if accelerator == "gpu" else 1
+    fabric = Fabric(accelerator=accelerator, devices=devices, precision=machine.precision)
+    identity = _identity(learner, machine)
+    if fabric.local_rank == 0:  # the first process starts the others
+        _prepare(checkpoints_folder, identity)
+    fabric.launch()
+    training = Training(learner, fabric, checkpoints_folder, label, checkpoints.name_of(folder / BEST))
+    if (last := checkpoints_folder / LAST).exists():
+        log.info("%s: continues from %s", label, last)
+        training.resume(last)
+    # Adam's averages of a weight without gradient fall below 1e-38 in some 800 steps; processors compute with such
+    # numbers many times slower than with 0.
+    torch.set_flush_denormal(True)
+    try:
+        training.run()
+    except Diverged as error:
+        best = f"; the best model so far is {checkpoints_folder / BEST}" if (checkpoints_folder / BEST).exists() else ""
+        raise Diverged(
+            f"{label}: {error}{best}. Lower the rate or clip the gradient (config training.override), "
+            "or take precision 32-true, and train again"
+        ) from None
+    finally:
+        torch.set_flush_denormal(False)
+    summary = {**_summary(training, machine, accelerator), "identity": identity}
+    if fabric.is_global_zero:
+        _write(folder, checkpoints_folder, training.history, summary)
+    return summary
+
+
+def _identity(learner: Learner, machine: Machine) -> str:
+    """Digest of all that determines the weights."""
+    determines = {"precision": machine.precision, "schema": checkpoints.SCHEMA_VERSION, **learner.stated()}
+    return hashlib.sha256(json.dumps(determines, sort_keys=True).encode()).hexdigest()
+
+
+def _prepare(checkpoints_folder: Path, identity: str) -> None:
+    """Make the folder of checkpoints. Those of an interrupted training with this identity stay, of another are removed.
+
+    Raises CheckpointError or DamagedFile if it is damaged: training anew is the user's choice.
+    """
+    marker, last = checkpoints_folder / "identity", checkpoints_folder / LAST
+    remedy = f"remove {checkpoints_folder} to train from the start"
+    if last.exists() and marker.exists() and checksums.read_text(marker, remedy).strip() == identity:
+        checkpoints.require_intact(last)
+        return
+    if checkpoints_folder.exists():
+        reason = "is of another config or other data, or stopped before its first evaluation"
+        log.info("%s %s: begins anew", checkpoints_folder, reason)
+        shutil.rmtree(checkpoints_folder)
+    checkpoints_folder.mkdir(parents=True)
+    with atomic_write(marker, checksum=True) as partial:
+        partial.write_text(identity + "\n")
+
+
+def _summary(training: Training, machine: Machine, accelerator: str) -> dict[str, Any]:
+    learner, last = training.learner, training.history[-1]
+    name = torch.cuda.get_device_name() if accelerator == "gpu" else "cpu"
+    return {
+        **learner.stated(),
+        "parameters": sum(weights.numel() for weights in learner.model.parameters()),
+        "validated": len(learner.validation_samples),
+        "steps": last["step"],
+        "best_step": training.best["step"],
+        "validation_loss": training.best["validation_loss"],
+        "seconds": last["seconds"],
+        "machine": {**machine._asdict(), "found": name, "torch": torch.__version__},
+    }
+
+
+def _write(folder: Path, checkpoints_folder: Path, history: list[dict[str, float]], summary: dict[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_write(folder / "history.csv", checksum=True) as partial, open(partial, "w", newline="") as file:
+        writer = csv.DictWriter(file, HISTORY)
+        writer.writeheader()
+        writer.writerows(history)
+    with atomic_write(folder / "training.json", checksum=True) as partial:
+        partial.write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n")
+    checkpoints.require_intact(checkpoints_folder / BEST)
+    with atomic_write(folder / BEST, checksum=True) as partial:
+        shutil.copyfile(checkpoints_folder / BEST, partial)
+    shutil.rmtree(checkpoints_folder)

@@ -1,0 +1,55 @@
+"""The files of evaluations: their columns, and reading them back."""
+
+import io
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from palpate import checksums
+from palpate.rebuild_command import rebuild_advice, rebuild_command
+
+# A row a sample: one object with one window of its grasps, or one image of it.
+_SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
+SCORES = ("chamfer", "f1_tau", "f1_2tau")
+QUALITY = ("bend", "folded", "gap", "across")  # palpate.learning.surface_quality
+COLUMNS = (*_SAMPLE, *SCORES, *QUALITY, "seconds", "steps")
+# A row a sample, successful touch and ring.
+RING_COLUMNS = (*_SAMPLE, "grasp", "sensor", "ring", "points", "distance", "steps")
+# A row an object, strategy and number of grasps that it chose among those stored.
+SELECTION_COLUMNS = (*_SAMPLE[:-1], "strategy", "grasps", "stored", "chamfer", "steps")
+# A row a successful touch.
+TOUCH_COLUMNS = ("object", "class", "split", "grasp", "sensor", "cloud", "chart", "steps")
+
+
+class EvaluationError(ValueError):
+    """An evaluation is missing or not what it must be; the message names the file or the experiment."""
+
+
+def read_table(path: Path, columns: Sequence[str], remedy: str) -> pd.DataFrame:
+    """The columns of one file; objects and classes stay text. Raises EvaluationError if it is damaged or lacks one."""
+    try:
+        frame = pd.read_csv(io.StringIO(checksums.read_text(path, remedy)), dtype={"object": str, "class": str})
+    except checksums.DamagedFile as error:
+        raise EvaluationError(str(error)) from None
+    except ValueError as error:  # pandas' ParserError
+        raise EvaluationError(f"{path} is not a valid CSV file ({error}); {remedy}") from None
+    if missing := [name for name in columns if name not in frame.columns]:
+        raise EvaluationError(f"{path} has no columns {missing}; {remedy}")
+    return frame[list(columns)]
+
+
+def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
+    """The rows of evaluation files, one after the other.
+
+    Raises EvaluationError naming the first file that does not exist, lacks a column, is damaged, or holds an error
+    that is not a number.
+    """
+    frames = []
+    for path in map(Path, paths):
+        if not path.exists():
+            raise EvaluationError(f"{path} does not exist; build it with: {rebuild_command(path)}")
+        frames.append(read_table(path, columns, rebuild_advice(path)))
+    if not frames:
+        raise EvaluationError("no evaluations were given")
+    return pd.concat(frames, ignore_index=True)

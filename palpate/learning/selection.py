@@ -1,0 +1,123 @@
+"""Which grasp next: errors after each of some grasps that a strategy chooses one by one among those stored.
+
+A strategy gives each grasp a score, from those chosen so far; the next is the one with the largest. `random` takes them
+in a random order, `farthest` the one whose fingertips are farthest from those before, `uncertainty` the one where the
+posterior variance of the model's correction is largest, and `oracle` the one that leaves the least error. Where the
+fingertips of stored grasps are is known to all, what they touch to the oracle only.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+import torch
+from scipy.spatial.distance import cdist
+
+from palpate.batch import generator
+from palpate.charts import build_tree
+from palpate.experiments import Correction
+from palpate.learning.data import ExperimentData
+from palpate.learning.evaluate import BATCH_SIZE, POINTS, Trained, points_on, predict, row_of
+from palpate.learning.metrics import score
+from palpate.learning.rows import SELECTION_COLUMNS, EvaluationError
+from palpate.learning.samples import Assembler, Sample
+from palpate.models.kriging import Kriging
+
+MOST = 5  # grasps that are chosen
+
+Chosen = tuple[int, ...]
+Scores = Callable[[Chosen], np.ndarray]  # of the grasps chosen so far -> (g,), of every grasp
+
+
+def choose(scores: Scores, first: Chosen, count: int) -> Iterator[Chosen]:
+    """`first`, then with one more grasp each time, up to `count`: the first of those left that score most."""
+    chosen = first
+    yield chosen
+    while len(chosen) < count:
+        left = scores(chosen).astype(float)
+        left[list(chosen)] = -np.inf
+        chosen = (*chosen, int(np.argmax(left)))
+        yield chosen
+
+
+def farthest(sites: np.ndarray) -> Scores:
+    """Scores of grasps by their sites (g, s, 3), m: the mean distance to the nearest site of those chosen."""
+
+    def scores(chosen: Chosen) -> np.ndarray:
+        away = cdist(sites.reshape(-1, 3), sites[list(chosen)].reshape(-1, 3)).min(axis=1, initial=np.inf)
+        return away.reshape(len(sites), -1).mean(axis=1)
+
+    return scores
+
+
+def most_uncertain(sites: np.ndarray, correction: Correction) -> Scores:
+    """Scores of grasps by their sites (g, s, 3), m: the correction's mean variance there, given those of the chosen."""
+    every = torch.from_numpy(sites).double()
+
+    def scores(chosen: Chosen) -> np.ndarray:
+        known = every[list(chosen)].reshape(-1, 3)
+        variance = Kriging(known, torch.zeros(len(known), 1), correction).variance(every.reshape(-1, 3))
+        return variance.reshape(len(sites), -1).mean(dim=1).numpy()
+
+    return scores
+
+
+def least_error(errors: Callable[[Sequence[Chosen]], Sequence[float]], grasps: int) -> Scores:
+    """Scores of grasps by the error that each leaves beside those chosen."""
+
+    def scores(chosen: Chosen) -> np.ndarray:
+        left = [grasp for grasp in range(grasps) if grasp not in chosen]
+        found = np.full(grasps, -np.inf)
+        found[left] = -np.asarray(errors([(*chosen, grasp) for grasp in left]))
+        return found
+
+    return scores
+
+
+def evaluate_selection(
+    trained: Trained, data: ExperimentData, splits: Sequence[str], points: int = POINTS
+) -> pd.DataFrame:
+    """Errors after 0 to 5 grasps of each strategy, for each object of some splits: `rows.SELECTION_COLUMNS`.
+
+    Only with an unoccluded image they begin with none. Raises EvaluationError for a model, or a run, of one grasp.
+    """
+    experiment, rows = trained.experiment, []
+    count = min(MOST, experiment.grasps, data.grasps) if experiment.touch else 0
+    if count < 2:
+        raise EvaluationError(f"{experiment.name}: grasps are chosen for models, and in runs, of two and more")
+    assemble, first = Assembler(data, experiment, trained.device), () if experiment.vision == "unoccluded" else (0,)
+    for number in data.of_split(*splits):
+        order = generator(trained.seed, data.objects[number], "selection").permutation(data.grasps)
+        sites = data["charts"][number].mean(axis=2)[order]
+        errors = _Errors(trained, data, assemble, number, order, points)
+        strategies = {"random": lambda chosen: -np.arange(data.grasps), "farthest": farthest(sites)}
+        if experiment.correction:
+            strategies["uncertainty"] = most_uncertain(sites, experiment.correction)
+        for strategy, scores in (strategies | {"oracle": least_error(errors, data.grasps)}).items():
+            for chosen in choose(scores, first, count):
+                row = {"strategy": strategy, "grasps": len(chosen), "stored": data.grasps}
+                rows.append(row_of(trained, data, Sample(number)) | row | {"chamfer": errors([chosen])[0]})
+    return pd.DataFrame(rows, columns=SELECTION_COLUMNS)
+
+
+class _Errors:
+    """Chamfer distances (m^2 x 9000) of an object's predictions from choices of as many grasps, each measured once."""
+
+    def __init__(self, trained, data: ExperimentData, assemble: Assembler, number: int, order, points: int):
+        self.trained, self.data, self.assemble, self.number = trained, data, assemble, number
+        self.order, self.points, self.known = order, points, {}
+        self.cloud = torch.from_numpy(data["points"][number]).to(trained.device)
+        self.tree = build_tree(self.cloud)
+
+    def __call__(self, choices: Sequence[Chosen]) -> list[float]:
+        # The order of choice changes nothing but the random points on a prediction.
+        ordered = list if self.trained.experiment.vision == "occluded" else sorted
+        grasps = [tuple(ordered(self.order[list(choice)].tolist())) for choice in choices]
+        new = list(dict.fromkeys(each for each in grasps if each not in self.known))
+        for some in (new[start : start + BATCH_SIZE] for start in range(0, len(new), BATCH_SIZE)):
+            samples = [Sample(self.number, each) for each in some]
+            for each, predicted in zip(some, predict(self.trained, self.assemble, samples, self.data), strict=True):
+                mesh = self.trained.model.mesh(predicted)
+                on_it = points_on(*mesh, self.points, self.data.objects[self.number])
+                self.known[each] = score(on_it, self.cloud, self.tree).chamfer
+        return [self.known[each] for each in grasps]

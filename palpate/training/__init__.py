@@ -1,1 +1,0 @@
-"""Training: recipes, losses, and the loop."""

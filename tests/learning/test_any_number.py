@@ -1,0 +1,160 @@
+"""One model for any number of grasps: what it is trained on, and several experiments with the weights of one."""
+
+from collections import Counter
+from dataclasses import replace
+
+import igl
+import numpy as np
+import pytest
+import torch
+
+from palpate.charts import vision_atlas
+from palpate.experiments import Correction, Experiment
+from palpate.learning.checkpoints import load
+from palpate.learning.draws import training_samples
+from palpate.learning.learners import ReconstructionLearner
+from palpate.learning.loop import train
+from palpate.learning.samples import Assembler, Sample, windows
+from palpate.models.kriging import touched_points
+from palpate.models.retrieval import Objects
+from tests.learning.conftest import SETTINGS, made_up
+from tests.learning.test_loop import CPU
+
+VISION = len(vision_atlas().vertices)
+
+
+def row(strategy="pooled", vision="unoccluded", touch=True, grasps=1, **more):
+    return Experiment("experiment", strategy, vision, touch, grasps, **more)
+
+
+@pytest.fixture(scope="module", params=["pooled", "charts", "template"])
+def trained(request, tmp_path_factory):
+    """A strategy, its checkpoint of a model for up to 3 grasps, and the data."""
+    folder, data = tmp_path_factory.mktemp(request.param), made_up("unoccluded", "charts", grasps=3)
+    experiment = row(request.param, grasps=3, fewer_grasps=True)
+    learner = ReconstructionLearner(data, experiment, replace(SETTINGS, steps=12), 0)
+    train(learner, folder / "model", folder / "checkpoints", CPU, "test")
+    return request.param, folder / "model/best.ckpt", data
+
+
+def predicted(path, experiment, data, samples):
+    with torch.no_grad():
+        return load(path, experiment)(Assembler(data, experiment)(samples))
+
+
+def test_zero_grasps_equal_vision_alone(trained):
+    strategy, path, data = trained
+    experiment = row(strategy, grasps=3, fewer_grasps=True, weights="other")
+    none = predicted(path, experiment, data, [Sample(0, (0, 1), touched=0)])
+    assert none.shape[1] == VISION
+    touched = predicted(path, experiment, data, [Sample(0, (0, 1))])
+    assert (touched[:, :VISION] != none).any()
+    if strategy != "charts":  # the graph's weights have an input for the mask, which vision alone has not
+        alone = predicted(path, row(strategy, touch=False, weights="other"), data, [Sample(0)])
+        assert torch.equal(alone, none)
+
+
+def test_fewer_grasps_are_those_of_a_model_of_their_number(trained):
+    strategy, path, data = trained
+    samples = windows(data, row(strategy, grasps=2), "validation")[:2]
+    assert all(len(sample.grasps) == 2 for sample in samples)
+    of_three = predicted(path, row(strategy, grasps=3, fewer_grasps=True, weights="other"), data, samples)
+    of_two = predicted(path, row(strategy, grasps=2, weights="other"), data, samples)
+    assert torch.equal(of_three, of_two) and of_two.shape[1] == VISION + 8 * 81
+
+
+def test_in_training_no_object_is_its_own_template(monkeypatch):
+    data = made_up("occluded", "charts")
+    learner = ReconstructionLearner(data, row("template", "occluded", fewer_grasps=True), SETTINGS, 0)
+    learner.begin()
+    train, validation = data.of_split("train"), data.of_split("validation")
+    assert torch.equal(learner.model.templates.shapes, torch.from_numpy(data["template"][train]))
+    searched, search = [], Objects.best
+    monkeypatch.setattr(Objects, "best", lambda *given: searched.append(given[1]) or search(*given))
+    for chosen in (train[::-1], validation):
+        learner.losses([Sample(number, (0,)) for number in chosen], torch.Generator())
+    assert searched[0]["excluded"].tolist() == [train.index(number) for number in train[::-1]]
+    assert searched[1]["excluded"].tolist() == [-1] * len(validation)
+
+
+def test_without_copies_the_vision_charts_are_the_same():
+    data = made_up("unoccluded", "charts")
+    learner = ReconstructionLearner(data, row(), SETTINGS, 0)
+    batch = Assembler(data, row())([Sample(0, (0,))])
+    other = ReconstructionLearner(data, row("pooled_no_copy"), SETTINGS, 0)
+    other.model.load_state_dict(learner.model.state_dict())
+    with torch.no_grad():
+        assert torch.equal(learner.model(batch)[:, :VISION], other.model(batch))
+
+
+def test_experiments_see_the_same_samples_at_the_same_step():
+    data = made_up("occluded", "charts", grasps=5)
+    of_one = row(vision="occluded")
+    for step in range(20):
+        none, one, five = (
+            training_samples(data, experiment, 2, 7, step)
+            for experiment in (replace(of_one, touch=False), of_one, replace(of_one, grasps=5))
+        )
+        assert none == one
+        assert [sample.object for sample in one] == [sample.object for sample in five]
+        assert [sample.grasps for sample in one] == [sample.grasps[:1] for sample in five]
+
+
+@pytest.mark.parametrize(("vision", "numbers"), [("none", (1, 2, 3)), ("occluded", (0, 1, 2, 3))])
+def test_any_number_of_grasps_up_to_its_own(vision, numbers):
+    data = made_up(vision, "charts", grasps=3)
+    experiment = row(vision=vision, grasps=5, fewer_grasps=True)
+    steps = [{sample.touched for sample in training_samples(data, experiment, 4, 0, step)} for step in range(160)]
+    assert all(len(of_step) == 1 for of_step in steps)
+    counts = [steps.count({number}) for number in numbers]
+    assert sum(counts) == 160 and min(counts) > 16
+    assert 0 not in numbers or 64 < counts[0] < 96  # half of the steps of a model with vision
+    # Validation takes them in turn, from grasps that are all there.
+    learner = ReconstructionLearner(data, experiment, replace(SETTINGS, validation_samples=None, batch=1), 0)
+    assert {len(sample.grasps) for sample in learner.validation_samples} == {3}
+    assert {sample.touched for sample in learner.validation_samples} <= set(numbers)
+
+
+def test_an_epoch_of_grasps_has_each_class_as_often_and_no_grasp_twice_before_all():
+    data = made_up("occluded", "charts", grasps=5)
+    data.classes = ["egg" if number < 3 else "nut" for number in range(len(data))]
+    train_split = data.of_split("train")
+    classes = [data.classes[each] for each in train_split]
+    share = -(-len(train_split) * 5 // len(set(classes)))
+    epoch = [
+        each
+        for step in range(share * len(set(classes)))
+        for each in training_samples(data, row(vision="occluded"), 1, 7, step, "grasps")
+    ]
+    assert set(Counter(data.classes[each.object] for each in epoch).values()) == {share}
+    counts = Counter((each.object, *each.grasps) for each in epoch)
+    for name in set(classes):
+        of_class = [counts[number, g] for number in train_split if data.classes[number] == name for g in range(5)]
+        assert max(of_class) - min(of_class) <= 1
+    five = training_samples(data, row(vision="occluded", grasps=5), 4, 7, 0, "grasps")
+    assert all(sorted(each.grasps) == [0, 1, 2, 3, 4] for each in five)
+    assert [each.grasps[:1] for each in five] == [
+        each.grasps for each in training_samples(data, row(vision="occluded"), 4, 7, 0, "grasps")
+    ]
+
+
+@pytest.mark.parametrize("vision", ["unoccluded", "none"])
+def test_the_correction_moves_vision_charts_to_the_touched_points(vision):
+    """Without touch bit-equal to none; with little noise the surface meets every point that kriging knows."""
+    data = made_up(vision, "charts", grasps=3)
+    experiment = row(vision=vision, grasps=3, fewer_grasps=True)
+    corrected = replace(experiment, correction=Correction(0.08, 1e-6))
+    plain, bent = (ReconstructionLearner(data, each, SETTINGS, 0).model for each in (experiment, corrected))
+    batch = Assembler(data, experiment)([Sample(0, (0, 1, 2))])
+    with torch.no_grad():
+        before, after = plain(batch), bent(batch)
+        assert torch.equal(bent.stages(batch)[0], before)  # training is without
+        if vision != "none":
+            none = Assembler(data, experiment)([Sample(0, (0,), touched=0)])
+            assert torch.equal(plain(none), bent(none))
+    assert torch.equal(before[:, VISION:], after[:, VISION:]) and not torch.equal(before, after)
+    known = touched_points(batch)[0].double().numpy()
+    faces = vision_atlas().faces.numpy()
+    distance, *_ = igl.point_mesh_squared_distance(known, after[0, :VISION].double().numpy(), faces)
+    reference, *_ = igl.point_mesh_squared_distance(known, before[0, :VISION].double().numpy(), faces)
+    assert np.sqrt(distance).mean() < 0.2 * np.sqrt(reference).mean()
