@@ -49,6 +49,8 @@ class GraspSimulation:
     first finger pushes away to an unknown pose.
     """
 
+    loose = False  # whether the object can move
+
     def __init__(
         self,
         hand: Hand,

@@ -50,6 +50,11 @@ def contacts(simulation: GraspSimulation) -> Contacts:
         link=np.where(swapped, first, second),
         other=np.where(swapped, second, first),
     )
+    if simulation.loose:
+        pose = simulation.object_pose
+        found = found._replace(
+            position=(found.position - pose[:3, 3]) @ pose[:3, :3], normal=found.normal @ pose[:3, :3]
+        )
     order = np.argsort(-found.force, kind="stable")
     return Contacts(*(values[order] for values in found))
 

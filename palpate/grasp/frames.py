@@ -37,6 +37,11 @@ def kept_closings(
     DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
     """
     palms, found = kept["palm_pose"], 0
+    if "start_pose" in kept:
+        for number, pose in enumerate(kept["start_pose"]):
+            grasper.place_again({name: values[number] for name, values in kept.items() if np.ndim(values)})
+            yield number, pose, kept["target_positions"][number]
+        return
     for _ in range(int(kept["attempts"])):
         if found == len(palms) or (placed := grasper.placement(rng)) is None:
             continue
@@ -78,12 +83,13 @@ def closing_frames(
     time = steps * simulation.model.opt.timestep
     records = {}
     for number, pose, targets in kept_closings(grasper, kept, rng, remedy):
-        states, touching = [], []
+        states, poses, touching = [], [], []
         for _ in simulation.frames(targets, set(steps.tolist())):
             states.append(simulation.joint_state)
+            poses.append(grasper.palm_pose(pose))
             touching += [contacts(simulation)] if with_contacts else []
         joints, velocities = map(np.array, zip(*states, strict=True))
-        links = hand.forward(pose, joints)
+        links = hand.forward(np.array(poses), joints)
         position, rotation = hand.sensor_frames(links)
         found = contact_arrays(touching, hand.sensor_link, position, rotation) if with_contacts else {}
         records[number] = dict(zip(NAMES, (time, joints, velocities, links, position, rotation), strict=True)) | found

@@ -1,8 +1,10 @@
 """Grasps of one object: attempts until enough of them are valid, of which the best are kept."""
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -31,7 +33,9 @@ UNSTABLE = "simulation warned or gave NaN"
 UNSETTLED = "still moving at the end"
 OUT_OF_RANGE = "a joint out of its range"
 UNTOUCHED = "no sensor touches"
+ONE_SIDE = "touches from one side only"
 PENETRATING = "penetrates too deep"
+NOT_HELD = "does not hold"
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,7 @@ class Grasp:
     sensor_rotation: np.ndarray  # (s, 3, 3)
     touches: np.ndarray  # (s,) bool
     penetration: float  # of the hand in the object, or in itself
+    more: dict[str, np.ndarray]  # of a grasp across the object: `palpate.grasp.across`
 
 
 @dataclass(frozen=True)
@@ -67,17 +72,38 @@ class Grasper:
 
         Raises what `check_hand` does, and UnusableObject for an object without a face.
         """
-        self.hand, self.max_penetration, self.thumb_share = hand, max_penetration, thumb_share
+        self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
         self.workspace = workspace_of(hand)
         self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
         patches = surface_patches(collision)
         if not patches:
             raise UnusableObject("the collision mesh has no surface that a finger could stop at")
-        self.simulation = GraspSimulation(hand, patches, timestep)
+        self.simulation = self.simulate(collision, patches, timestep)
         self.omitted = omitted(hand, len(patches), len(visual.faces))
         self.check = PenetrationCheck(hand, visual)
         self.check.require_open(max_penetration)
         self.visual, self.sensor = visual, sensor
+
+    @property
+    def loose_simulation(self) -> Any:
+        """The simulation in which the object is let go; None for one without a grip."""
+        return None
+
+    def simulate(self, collision: trimesh.Trimesh, patches: list[np.ndarray], timestep: float) -> GraspSimulation:
+        """The simulation of a closing."""
+        return GraspSimulation(self.hand, patches, timestep)
+
+    def palm_pose(self, placed: np.ndarray) -> np.ndarray:
+        """The palm's pose (4, 4) in the present state, in the object's frame, if it was placed at `placed` (4, 4)."""
+        return placed
+
+    def at_rest(self) -> dict[str, np.ndarray] | str:
+        """What else a grasp has in the present state, by name; or the reason for which it is none."""
+        return {}
+
+    def holds(self, pose: np.ndarray, joint_positions: np.ndarray) -> bool:
+        """Whether a hand that has closed is to be kept."""
+        return True
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -108,6 +134,9 @@ class Grasper:
             return UNSETTLED
         if self.hand.out_of_range(closed.joint_positions) > MAX_OUT_OF_RANGE:
             return OUT_OF_RANGE
+        pose, more = self.palm_pose(pose), self.at_rest()
+        if isinstance(more, str):
+            return more
         links = self.hand.forward(pose, closed.joint_positions)
         position, rotation = self.hand.sensor_frames(links)
         touches = self.caster.succeeds(position, rotation)
@@ -116,7 +145,9 @@ class Grasper:
         depth = max(self.check.in_object(links), self.check.in_itself(links))
         if depth > self.max_penetration:
             return PENETRATING
-        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth)
+        if not self.holds(pose, closed.joint_positions):
+            return NOT_HELD
+        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth, more)
 
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
         """A random palm pose (4, 4) at which the open hand is clear of the object; the simulation is put there."""
@@ -153,6 +184,7 @@ def grasp_object(
     max_penetration: float = MAX_PENETRATION,
     thumb_share: float = THUMB_SHARE,
     sensor: Sensor = DIGIT,
+    grasper_type: Callable[..., Grasper] = Grasper,
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, of at most `max_attempts` attempts in all,
     and the `per_object` with the most touches are kept, of equals the earlier.
@@ -161,6 +193,7 @@ def grasp_object(
     its exterior, in the world frame, as the surface store has them. timestep: of the simulation, seconds.
     max_penetration: metres; a deeper grasp is not accepted. thumb_share: of the attempts, in which the thumb closes
     too; with 1, more sensors touch than in the paper. sensor: the hand's sensors, which decide what touches.
+    grasper_type: makes the object's grasper; `palpate.grasp.grasper_type` has others.
 
     Returns the grasps in the world frame; the same generator gives the same.
     Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object without a
@@ -171,7 +204,7 @@ def grasp_object(
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
-    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
+    grasper = grasper_type(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
     grasps, discarded = [], Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
         result = grasper.attempt(rng)
@@ -188,11 +221,13 @@ def grasp_object(
 
 def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], omitted: dict[str, int]) -> GraspSet:
     """Grasps of an object in its own frame, stacked, in the world frame."""
-    arrays = {field.name: np.stack([getattr(grasp, field.name) for grasp in grasps]) for field in fields(Grasp)}
+    names = [field.name for field in fields(Grasp) if field.name != "more"]
+    arrays = {name: np.stack([getattr(grasp, name) for grasp in grasps]) for name in names}
     for places in (arrays["palm_pose"][:, :3, 3], arrays["link_pose"][:, :, :3, 3], arrays["sensor_position"]):
         places += OBJECT_POSITION
     arrays["penetration"] = arrays["penetration"].astype(np.float32)
-    return GraspSet(**arrays, attempts=attempts, discarded=discarded, omitted=omitted)
+    more = {name: np.stack([grasp.more[name] for grasp in grasps]) for name in grasps[0].more}
+    return GraspSet(**arrays, more=more, attempts=attempts, discarded=discarded, omitted=omitted)
 
 
 def omitted(hand: Hand, patches: int, visual_faces: int) -> dict[str, int]:

@@ -3,7 +3,7 @@
 A second simulation, which changes no grasp: a closing has a held object and no friction.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import mujoco
@@ -14,11 +14,14 @@ from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.frames import kept_closings
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
+from palpate.grasp.quality import ObjectContacts, cone_margin, object_contacts, wrench_radius
 from palpate.hand import Hand
 from palpate.hand.model import STIFFNESS
+from palpate.mesh import OBJECT_POSITION
 
 GRAVITY = 9.81  # m / s^2
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])  # +x, +y, +z, -x, -y, -z of the world
+RESTED = 0.1  # s in which forces come to rest
 CONDIM = 3  # contacts resist sliding; turning only as far as there are several
 
 
@@ -48,6 +51,8 @@ class HoldSimulation(GraspSimulation):
     Friction cones are elliptic: with pyramids a contact resists less along their diagonals.
     """
 
+    loose = True  # whether the object can move
+
     def __init__(
         self,
         hand: Hand,
@@ -71,7 +76,8 @@ class HoldSimulation(GraspSimulation):
         for body in spec.bodies:
             body.gravcomp = 1
         free, inertia = spec.body("object"), self.body.inertia
-        free.add_freejoint()
+        if self.loose:
+            free.add_freejoint()
         free.gravcomp, free.explicitinertial = 0, True
         free.mass, free.ipos = self.body.mass, self.body.centre
         free.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
@@ -105,6 +111,32 @@ class HoldSimulation(GraspSimulation):
         warned = any(warning.number for warning in data.warning) or not np.isfinite(data.qpos).all()
         return np.nan if warned else farthest
 
+    def pressed(self, palm_pose: np.ndarray, joint_positions: np.ndarray, targets: np.ndarray) -> ObjectContacts:
+        """The contacts with the object without gravity, `RESTED` s after the start of `moved`."""
+        self.model.opt.gravity = np.zeros(3)
+        self.place(palm_pose, joint_positions)
+        self.data.ctrl[:] = targets[self._drivers]
+        mujoco.mj_step(self.model, self.data, round(RESTED / self.model.opt.timestep))
+        return self.contacts()
+
+    def contacts(self) -> ObjectContacts:
+        """The contacts with the object in the present state."""
+        mujoco.mj_forward(self.model, self.data)
+        return object_contacts(self.model, self.data, self._object)
+
+
+def held_poses(
+    grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, remedy: str = ""
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Of each of an object's kept grasps number, palm pose (4, 4) and servos' targets (J,) at rest, in the object's own
+    frame; arguments as for `hold_grasps`."""
+    if "servo_positions" not in kept:
+        yield from kept_closings(grasper, kept, rng, remedy)
+        return
+    poses = kept["palm_pose"].copy()
+    poses[:, :3, 3] -= OBJECT_POSITION
+    yield from zip(range(len(poses)), poses, kept["servo_positions"], strict=True)
+
 
 def hold_grasps(
     grasper: Grasper,
@@ -125,13 +157,19 @@ def hold_grasps(
 
     Raises DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
     """
-    body, timestep = body_of(collision, density), grasper.simulation.model.opt.timestep
-    simulation = HoldSimulation(grasper.hand, surface_patches(collision), body, friction, timestep)
+    simulation = grasper.loose_simulation
+    if simulation is None:
+        timestep, body = grasper.simulation.model.opt.timestep, body_of(collision, density)
+        simulation = HoldSimulation(grasper.hand, surface_patches(collision), body, friction, timestep)
+    length = np.linalg.norm(collision.vertices - simulation.body.centre, axis=1).max()
     moved = np.full((len(kept["palm_pose"]), len(DIRECTIONS)), np.nan)
-    for number, pose, targets in kept_closings(grasper, kept, rng, remedy):
-        for column, direction in enumerate(DIRECTIONS):
-            at_rest = pose, kept["joint_positions"][number], targets
-            moved[number, column] = simulation.moved(*at_rest, GRAVITY * direction, duration, distance)
+    radius, margin = np.zeros((2, len(moved)))
+    for number, pose, targets in held_poses(grasper, kept, rng, remedy):
+        at_rest = pose, kept["joint_positions"][number], targets
+        moved[number] = [simulation.moved(*at_rest, GRAVITY * axis, duration, distance) for axis in DIRECTIONS]
+        pressed = simulation.pressed(*at_rest)
+        radius[number] = wrench_radius(pressed, friction, simulation.body.centre, length)
+        margin[number] = cone_margin(pressed, friction)
     simulated = ~np.isnan(moved)
     held = np.where(simulated, moved <= distance, -1)
     return {
@@ -139,5 +177,7 @@ def hold_grasps(
         "held_along": held,
         "moved": np.where(simulated, moved, np.inf),
         "mass": np.float64(simulation.model.body("object").mass[0]),
-        "solid": np.bool_(body.solid),
+        "solid": np.bool_(simulation.body.solid),
+        "wrench_radius": radius,
+        "cone_margin": margin,
     }

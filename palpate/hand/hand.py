@@ -61,6 +61,7 @@ class Hand:
     open_joint_positions: np.ndarray  # (J,)
     palm_anchor: np.ndarray  # (4, 4) in the palm frame: on the palm's face, x its outward normal, z to the fingers
     colliding_pairs: np.ndarray  # (P, 2) int: geoms that collide with each other, the lower number first
+    opposing_sensors: np.ndarray | None = None  # (s,) bool: those on one of two sides of an object; None: not said
 
     def __post_init__(self) -> None:
         if not len(self.sensor_link) or self.sensor_thumb.all():
@@ -236,6 +237,8 @@ class Hand:
         arrays = {}
         for field in fields(self):
             value = getattr(self, field.name)
+            if value is None:
+                continue
             if field.name in ("geom_vertices", "geom_faces"):
                 arrays[field.name] = np.concatenate([np.reshape(array, (-1, 3)) for array in value])
                 arrays[f"{field.name}_count"] = np.array([len(array) for array in value])
@@ -251,6 +254,8 @@ class Hand:
         """The hand of `to_arrays`; arrays: any mapping of array-likes (an HDF5 group); prefix: of the names in it."""
         values = {}
         for field in fields(cls):
+            if field.name == "opposing_sensors" and f"{prefix}{field.name}" not in arrays:
+                continue
             value = np.asarray(arrays[f"{prefix}{field.name}"][...])
             if field.name in ("geom_vertices", "geom_faces"):
                 ends = np.cumsum(np.asarray(arrays[f"{prefix}{field.name}_count"][...]))
