@@ -98,7 +98,7 @@ class AntipodalGrasper(HoldingGrasper):
         simulation is put there."""
         widest, tried = float(self.oppositions.width.max()), 0
         for _ in range(PLACEMENTS):
-            pairs, normals = opposing_points(self.surface, self.rays, self.test.friction, widest, rng)
+            pairs = opposing_points(self.surface, self.rays, self.test.friction, widest, rng)
             for pair in pairs[rng.permutation(len(pairs))]:
                 tried += 1
                 axis = (pair[1] - pair[0]) / np.linalg.norm(pair[1] - pair[0])

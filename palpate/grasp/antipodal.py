@@ -16,7 +16,7 @@ from palpate.hand.hand import rotation_about
 from palpate.surface.embree import RayMesh
 
 RAYS = 64  # traced at once
-CROSSINGS = 6  # faces at most that a ray is followed through
+CROSSINGS = 16  # faces at most that a ray is followed through
 STEP = 1e-6  # m behind a face from which its ray goes on
 NARROWEST = 1e-5  # m between the points of a pair
 DRAWN = 20_000  # pairs of random configurations of two fingers, of which those that oppose each other are kept
@@ -26,6 +26,7 @@ TRIED = 4  # of them for a pair
 CLEARANCE = 0.01  # m between each gel and the surface before the hand closes
 PRESS = 0.01  # m below the surface that servos aim at; from there on the grip takes over
 ITERATIONS, DAMPING = 12, 1e-6  # of the inverse kinematics; m^2
+CONVERGED = 0.99  # no further step if this share of the error is left
 MISSED = 0.01  # m that a gel may be off its place, with its direction weighted by `DIRECTION_LENGTH`
 BESIDE = 0.02  # m that other fingers of a side look for a surface that faces them
 BESIDE_FACING = np.cos(np.radians(45))
@@ -43,32 +44,32 @@ class Placement(NamedTuple):
 
 def opposing_points(
     surface: Surface, rays: RayMesh, friction: float, widest: float, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of points (P, 2, 3) at most `widest` m apart, whose outward normals (P, 2, 3) oppose each other within the
-    friction cones: P is 0 to some of `RAYS`."""
+) -> np.ndarray:
+    """Pairs of points (P, 2, 3) of the exterior at most `widest` m apart, whose normals oppose each other within the
+    friction cones, with room for a finger at both: P is 0 to some of `RAYS`."""
     chosen = rng.integers(len(surface.points), size=RAYS)
     least = 1 / np.hypot(1, friction)  # cosine of the cone's half angle
     start, inward = surface.points[chosen], -surface.normals[chosen]
-    cosine, turn = rng.uniform(least, 1, (2, RAYS)) * [[1], [0]] + [[0], [1]] * rng.uniform(0, 2 * np.pi, (2, RAYS))
+    cosine, turn = np.cos(rng.uniform(0, np.arccos(least), RAYS)), rng.uniform(0, 2 * np.pi, RAYS)
     first = np.cross(inward, np.eye(3)[np.abs(inward).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     across = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * np.cross(inward, first)
     ray = cosine[:, None] * inward + np.sqrt(1 - cosine**2)[:, None] * across
     normals = rays.normals / np.linalg.norm(rays.normals, axis=1, keepdims=True)
-    along, alive, points, facing = np.full(RAYS, STEP), np.arange(RAYS), [], []
-    for _ in range(CROSSINGS):
-        face = rays.first_face(start[alive] + along[alive, None] * ray[alive], ray[alive], widest)
+    lengths, cosines = np.full((2, RAYS, CROSSINGS + 1), np.inf)  # where each ray meets a face, and under which angle
+    along, alive = np.full(RAYS, STEP), np.flatnonzero(~rays.blocked(start - STEP * ray, -ray, CLEARANCE))
+    for crossing in range(CROSSINGS):
+        face = rays.first_face(start[alive] + along[alive, None] * ray[alive], ray[alive], widest + CLEARANCE)
         alive, face = alive[face >= 0], face[face >= 0]
-        slope = np.einsum("ni,ni->n", normals[face], ray[alive])
+        cosines[alive, crossing] = slope = np.einsum("ni,ni->n", normals[face], ray[alive])
         with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
             length = np.einsum("ni,ni->n", normals[face], rays.triangles[face, 0] - start[alive]) / slope
-        along[alive] = np.fmax(along[alive], length) + STEP
-        leaves = (slope >= least) & (length >= NARROWEST) & (length <= widest)
-        out = alive[leaves]
-        points.append(np.stack([start[out], start[out] + length[leaves, None] * ray[out]], axis=1))
-        facing.append(np.stack([-inward[out], normals[face[leaves]]], axis=1))
-        alive = alive[along[alive] < widest]
-    return np.concatenate(points), np.concatenate(facing)
+        lengths[alive, crossing] = along[alive] = np.fmax(along[alive], length) + STEP
+    within = (lengths >= NARROWEST) & (lengths <= widest) & (cosines >= least) & (cosines <= 1 + 1e-9)
+    within[:, :-1] &= lengths[:, 1:] > lengths[:, :-1] + CLEARANCE  # room for a finger
+    ray_of, crossing = np.nonzero(within)
+    ends = start[ray_of] + lengths[ray_of, crossing, None] * ray[ray_of]
+    return np.stack([start[ray_of], ends], axis=1)
 
 
 def sides_of(hand: Hand) -> np.ndarray:
@@ -178,6 +179,8 @@ class Oppositions:
             error, jacobian = workspace.linearised(joints, *goals)
             missed = np.linalg.norm(error[:, sensors], axis=-1).max(axis=-1)
             better = missed < least
+            if (missed > CONVERGED * least).all():
+                break
             best, least = np.where(better[:, None], joints, best), np.minimum(least, missed)
             error, rows = error[:, sensors].reshape(len(joints), -1), jacobian[:, sensors]
             rows = rows.reshape(*error.shape, -1)[..., hand.drivers]

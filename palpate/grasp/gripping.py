@@ -15,6 +15,7 @@ GAIN = 10 * STIFFNESS  # N m / rad: the object's weight moves the hand's servos 
 GRIPPED = 0.8  # share of the duration in which the grip grows and follows the fingers; then servos hold
 UPDATE = 5  # time steps after which the servos' targets follow the fingers
 STRONGEST = 4.0  # of the servos' limit, over the grip (of hinges at `ARM`): a driver may move two jaws
+IMPRATIO = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps by millimetres a second
 DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, as if it lay on a table
 
 
@@ -36,6 +37,7 @@ class GripSimulation(HoldSimulation):
         """grip: N. loose: whether the object can move. Others as for `HoldSimulation`."""
         self.grip, self.loose = grip, loose
         super().__init__(hand, patches, body, friction, timestep, stiffness)
+        self.model.opt.impratio = IMPRATIO
         model = self.model
         slides = hand.joint_slides[self._drivers]
         limit = STRONGEST * grip * np.where(slides, 1.0, ARM)
