@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.grasp.targets import DIRECTION_LENGTH, Surface, Workspace, solve_positive_definite
+from palpate.grasp.targets import Surface, Workspace, solve_positive_definite
 from palpate.hand import Hand
 from palpate.hand.hand import rotation_about
 from palpate.surface.embree import RayMesh
@@ -20,14 +20,14 @@ CROSSINGS = 16  # faces at most that a ray is followed through
 STEP = 1e-6  # m behind a face from which its ray goes on
 NARROWEST = 1e-5  # m between the points of a pair
 DRAWN = 20_000  # pairs of random configurations of two fingers, of which those that oppose each other are kept
-FACING = np.cos(np.radians(30))  # least cosine between the gels' directions and the line through them
+FACING = np.cos(np.radians(60))  # least cosine between the gels' directions and the line through them
 KEPT = 400  # ways of opposing, at most
 TRIED = 4  # of them for a pair
 CLEARANCE = 0.01  # m between each gel and the surface before the hand closes
 PRESS = 0.01  # m below the surface that servos aim at; from there on the grip takes over
 ITERATIONS, DAMPING = 12, 1e-6  # of the inverse kinematics; m^2
 CONVERGED = 0.99  # no further step if this share of the error is left
-MISSED = 0.01  # m that a gel may be off its place, with its direction weighted by `DIRECTION_LENGTH`
+MISSED = 0.005  # m that a gel may be off its place
 BESIDE = 0.02  # m that other fingers of a side look for a surface that faces them
 BESIDE_FACING = np.cos(np.radians(45))
 
@@ -142,9 +142,11 @@ class Oppositions:
 
         inward = np.stack([axis, -axis]) @ rotation  # of the main gels, in the palm's frame
         ends = (pair - pose[:, None, :3, 3]) @ rotation
-        start, missed = self.reach(self.joints[chosen], self.main, ends - CLEARANCE * inward, inward)
+        start, off = self.reach(self.joints[chosen], self.main, ends - CLEARANCE * inward, inward)
+        missed = np.linalg.norm(off, axis=-1).max(axis=-1)
+        missed[np.linalg.norm(off[..., :3], axis=-1).max(axis=-1) > MISSED] = np.inf
         best = int(missed.argmin())
-        if missed[best] > MISSED:
+        if missed[best] == np.inf:
             return None
         main, goals, directions, sides = [*self.main], [*ends[best]], [*inward[best]], np.zeros_like(self.sides)
         sides[main] = -1, 1
@@ -169,20 +171,23 @@ class Oppositions:
         """Inverse kinematics of some sensors at once, within the joints' ranges, in the palm's frame.
 
         joints: (n, J) to start from; goal, inward: (n, t, 3), or (t, 3), where the gels of `sensors` (t,) shall be and
-        look. Returns joint positions (n, J), and how far the worst gel is off (n,), as `Workspace.solve` measures it.
+        look. Returns joint positions (n, J), and by how much each gel is off (n, t, 6): its place, m, and its direction,
+        by `DIRECTION_LENGTH`.
         """
         workspace, hand = self.workspace, self.workspace.hand
         goals = np.zeros((len(joints), len(hand.sensor_link), 3)), np.zeros((len(joints), len(hand.sensor_link), 3))
         goals[0][:, sensors], goals[1][:, sensors] = goal, inward
-        best, least = joints, np.full(len(joints), np.inf)
+        best, least, off = joints, np.full(len(joints), np.inf), np.zeros((len(joints), len(sensors), 6))
         for _ in range(ITERATIONS):
             error, jacobian = workspace.linearised(joints, *goals)
-            missed = np.linalg.norm(error[:, sensors], axis=-1).max(axis=-1)
+            error = error[:, sensors]
+            missed = np.linalg.norm(error, axis=-1).max(axis=-1)
             better = missed < least
             if (missed > CONVERGED * least).all():
                 break
-            best, least = np.where(better[:, None], joints, best), np.minimum(least, missed)
-            error, rows = error[:, sensors].reshape(len(joints), -1), jacobian[:, sensors]
+            best, off = np.where(better[:, None], joints, best), np.where(better[:, None, None], error, off)
+            least = np.minimum(least, missed)
+            error, rows = error.reshape(len(joints), -1), jacobian[:, sensors]
             rows = rows.reshape(*error.shape, -1)[..., hand.drivers]
             transposed = np.swapaxes(rows, -1, -2)
             square = transposed @ rows + DAMPING * np.eye(len(hand.drivers))
@@ -190,7 +195,7 @@ class Oppositions:
             joints = joints.copy()
             joints[:, hand.drivers] += step
             joints = hand.follow(np.clip(joints, *hand.joint_range.T))
-        return best, least
+        return best, off
 
 
 def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:

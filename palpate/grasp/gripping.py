@@ -21,7 +21,7 @@ DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, 
 
 class GripSimulation(HoldSimulation):
     """A `HoldSimulation` whose closing ends with a given force: the fingers of each of the two sides that touch the
-    object press with `grip` N along their gels, whatever the servos' gain. No gravity acts while the hand closes."""
+    object press with `grip` N along the line between them, whatever the servos' gain. No gravity acts while the hand closes."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class GripSimulation(HoldSimulation):
         self.sides = np.zeros(len(hand.sensor_link), dtype=int)  # the side of the object of each sensor; 0: of none
         self._moves = (sensor_joints(hand) @ (hand.joint_driver[:, None] == hand.joint_driver))[:, hand.drivers]
         self.link_body = np.array([model.body(hand.link_names[link]).id for link in hand.sensor_link])
-        self._depth = hand.contact_distance()
+        self._gel = hand.sensor_position + hand.contact_distance()[:, None] * hand.sensor_rotation[:, :, 0]
         inertia = np.repeat([model.body_mass[self._object], model.body_inertia[self._object].mean()], 3)
         self._drag = np.append(model.dof_damping[: len(hand.joint_link)], inertia / DRAG)[: model.nv]
         self._no_drag = model.dof_damping.copy()
@@ -81,14 +81,18 @@ class GripSimulation(HoldSimulation):
         touched = np.zeros(model.nbody, dtype=bool)
         bodies = model.geom_bodyid[data.contact.geom].reshape(-1, 2)
         touched[bodies[(bodies == self._object).any(axis=1)]] = True
-        press = (self.sides != 0) & touched[self.link_body]
+        press = np.flatnonzero((self.sides != 0) & touched[self.link_body])
+        bodies = self.link_body[press]
+        rotation, sides = data.xmat[bodies].reshape(-1, 3, 3), self.sides[press]
+        gels = data.xpos[bodies] + (rotation @ self._gel[press, :, None])[..., 0]
+        if not {-1, 1} <= set(sides):
+            return
+        ends = [gels[sides == side].mean(axis=0) for side in (-1, 1)]
+        along = (ends[1] - ends[0]) / max(np.linalg.norm(ends[1] - ends[0]), 1e-9)
         joints, torques, jacobian = data.qpos[self._joints], np.zeros(model.nv), np.zeros((3, model.nv))
-        for sensor in np.flatnonzero(press):
-            body, rotation = self.link_body[sensor], data.xmat[self.link_body[sensor]].reshape(3, 3)
-            along = rotation @ self.hand.sensor_rotation[sensor, :, 0]
-            gel = data.xpos[body] + rotation @ self.hand.sensor_position[sensor] + self._depth[sensor] * along
+        for body, gel, side in zip(bodies, gels, sides, strict=True):
             mujoco.mj_jac(model, data, jacobian, None, gel, body)
-            torques += share * self.grip / (press & (self.sides == self.sides[sensor])).sum() * along @ jacobian
+            torques -= share * self.grip / (sides == side).sum() * side * along @ jacobian
         beyond = torques[: len(joints)] @ self.hand.follow_slopes(joints)
         pressing = self._moves[press].any(axis=0)
         data.ctrl[pressing] = (joints[self._drivers] + beyond[self._drivers] / self._gain)[pressing]
