@@ -410,7 +410,9 @@ def make_example(
     vision = scene.draw(config["vision"], seed, name)
     look = {key: getattr(scene, key)(vision) for key in ("lights", "background")}
     made, readings = scene.Scene(folder, **look), {}
-    one = {key: value for key, value in config["grasps"].items() if key != "hand"} | {"per_object": 1, "attempts": 1}
+    chosen = ("hand", "placement", "object", "grip", "keep")
+    one = {key: value for key, value in config["grasps"].items() if key not in chosen}
+    one |= {"per_object": 1, "attempts": 1, "grasper_type": grasp.grasper_type(config["grasps"], config["hold"])}
     try:
         rng = generator(seed, name, "grasps")
         found = grasp.grasp_object(visual, collision, points, hand, rng, sensor=touch_sensor, **one)
@@ -421,6 +423,9 @@ def make_example(
             readings[sensor_name if on else f"{sensor_name}: no touch"] = reading
         attempts = f"{found.attempts} attempt{'s' * (found.attempts != 1)}"
         say(f"  grasp after {attempts}, {sensed.success.sum()} of {sensed.success.size} sensors touch")
+        if "sensor_force" in found.more:
+            pressed = zip(hand.sensor_names, found.more["sensor_force"][0], strict=True)
+            say(f"  on the object, N: {', '.join(f'{name} {force:.1f}' for name, force in pressed)}")
     except UnusableObject as error:
         say(f"  no grasp: {error}")
     small = {**vision, **{key: min(vision[key], most) for key, most in IMAGE.items()}}

@@ -144,8 +144,11 @@ class AntipodalGrasper(HoldingGrasper):
 
 def grasper_type(grasps: Mapping[str, Any], hold: Mapping[str, Any]) -> Callable[..., Grasper]:
     """What makes the graspers of a config's `grasps` and `hold`; arguments of the result as for `Grasper`."""
-    test, only_held = HoldTest(*(hold[key] for key in HoldTest._fields)), grasps["keep"] == "hold"
+    only_held = grasps["keep"] == "hold"
+    if grasps["placement"] == "surface" and not only_held:
+        return Grasper
+    test = HoldTest(*(hold[key] for key in HoldTest._fields))
     if grasps["placement"] == "antipodal":
         loose = grasps["object"] == "loose"
         return partial(AntipodalGrasper, test=test, only_held=only_held, grip=grasps["grip"], is_loose=loose)
-    return partial(HoldingGrasper, test=test) if only_held else Grasper
+    return partial(HoldingGrasper, test=test)

@@ -179,7 +179,7 @@ class Oppositions:
         goals[0][:, sensors], goals[1][:, sensors] = goal, inward
         best, least, off = joints, np.full(len(joints), np.inf), np.zeros((len(joints), len(sensors), 6))
         for _ in range(ITERATIONS):
-            error, jacobian = workspace.linearised(joints, *goals)
+            error, jacobian = workspace._linearised(joints, *goals)
             error = error[:, sensors]
             missed = np.linalg.norm(error, axis=-1).max(axis=-1)
             better = missed < least

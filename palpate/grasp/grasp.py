@@ -60,6 +60,11 @@ class GraspSet(Grasp):
     discarded: dict[str, int]  # how many of them gave no grasp, by reason
     omitted: dict[str, int]  # what the simulation omits, and how much of each
 
+    @property
+    def made(self) -> int:
+        """Valid grasps, also those that don't hold."""
+        return self.attempts - sum(count for reason, count in self.discarded.items() if reason != NOT_HELD)
+
 
 class Grasper:
     """One object and one hand, set up once for any number of attempts. Frames: the object's own."""

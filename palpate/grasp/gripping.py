@@ -12,7 +12,7 @@ from palpate.hand import Hand
 from palpate.hand.model import ARM, STIFFNESS
 
 GAIN = 10 * STIFFNESS  # N m / rad: the object's weight moves the hand's servos by millimetres at most
-GRIPPED = 0.8  # share of the duration in which the grip grows and follows the fingers; then servos hold
+GRIPPED = 0.95  # share of the duration in which the grip grows and follows the fingers; then servos hold
 UPDATE = 5  # time steps after which the servos' targets follow the fingers
 STRONGEST = 4.0  # of the servos' limit, over the grip (of hinges at `ARM`): a driver may move two jaws
 IMPRATIO = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps by millimetres a second

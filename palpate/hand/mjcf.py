@@ -27,6 +27,8 @@ OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
 CLOSED = 0.005  # m between the middles of two gels that face each other, which no open hand has
 ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
+GROUPS = ("thumb", "opposes")  # of sensors
+
 GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
@@ -177,11 +179,14 @@ class _Reader:
         if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
             raise ConfigError(f"{self.source}: sensors: {twice[0]} is named twice")
         sensors = [self._sensor(sensor) for sensor in given]
-        names, thumb = [sensor[0] for sensor in sensors], description.get("thumb") or []
-        if unknown := sorted(set(thumb) - set(names)):
-            raise ConfigError(
-                f"{self.source}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
-            )
+        names, thumb, opposes = ([sensor[0] for sensor in sensors], *(description.get(k) or [] for k in GROUPS))
+        for key, group in zip(GROUPS, (thumb, opposes), strict=True):
+            if unknown := sorted(set(group) - set(names)):
+                raise ConfigError(
+                    f"{self.source}: `{key}` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
+                )
+        if opposes and set(opposes) == set(names):
+            raise ConfigError(f"{self.source}: `opposes` names all sensors: name those of one side of an object")
         if not self.joints:
             raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
         read = Hand.from_rows(
@@ -194,7 +199,9 @@ class _Reader:
             self._anchor(description, geoms),
         )
         opened = self._open(description.get("open"), read)
-        return replace(read, open_joint_positions=opened, colliding_pairs=self._colliding(read, geoms))
+        opposing = np.isin(names, opposes) if opposes else None
+        changes = {"open_joint_positions": opened, "opposing_sensors": opposing}
+        return replace(read, **changes, colliding_pairs=self._colliding(read, geoms))
 
     def _find(self, kind: str, name: str) -> int:
         """The number of a body or a site that the description of the sensors names."""

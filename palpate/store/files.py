@@ -76,7 +76,7 @@ def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], op
     optional: whether the arrays that the contract calls so may be missing.
     """
     given = {name for name in headers if name.split("/")[0] not in spec.stage.groups}
-    needed = {name for name, array in spec.arrays.items() if not (optional and array.optional)}
+    needed = {name for name, array in spec.arrays.items() if not (array.asked or optional and array.optional)}
     missing, unknown = sorted(needed - given), sorted(given - set(spec.arrays))
     if missing or unknown:
         raise StoreError(f"{path}: arrays of {spec.stage.name} missing: {missing}, unknown: {unknown}")

@@ -16,6 +16,7 @@ rule frames:
     params:
         frames=lambda wildcards: {key: asked("frames", "count")[key] for key in ("count", "touch", "contacts")},
         grasps=config["grasps"],
+        hold=GRASPS_HOLD,
         sensor=SENSOR.description(),
         seed=config["seed"],
     script:

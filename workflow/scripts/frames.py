@@ -28,13 +28,14 @@ hand = Hand.from_arrays(grasps, prefix="hand/")
 image = inputs.background
 sensor = Sensor.from_description(description, read_background(image, description["resolution"]) if image else None)
 points = dict(zip(surface["object"], surface["points"], strict=True))
+grasper_type = grasp.grasper_type(params.grasps, params.hold)
 settings = {key: params.grasps[key] for key in ("timestep", "max_penetration", "thumb_share")}
 
 
 def record(row: int, name: str) -> dict:
     visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
     kept = {array: values[row] for array, values in grasps.items() if len(values) == len(grasps["object"])}
-    grasper = grasp.Grasper(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
+    grasper = grasper_type(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
     remedy = rebuild_advice(inputs.grasps)
     asked = {"count": params.frames["count"], "with_contacts": params.frames["contacts"], "remedy": remedy}
     frames = grasp.closing_frames(grasper, kept, generator(seed, name, "grasps"), **asked)

@@ -9,6 +9,8 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from palpate import grasp, hand, mesh, provenance, store
 from palpate.batch import each_object, generator
 from palpate.sensor import DIGIT
@@ -22,7 +24,10 @@ sensor = replace(DIGIT, **snakemake.params.sensor)  # its lights and gel play no
 robot = hand.from_mjcf(*snakemake.input.hand, sensor.gel_face) if mjcf_files else hand.allegro(sensor.gel_face)
 grasp.check_hand(robot, settings["timestep"], settings["max_penetration"])
 surface = store.open(snakemake.input.surface)
-made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}}
+chosen = {key: settings.pop(key) for key in ("placement", "object", "grip", "keep")}
+hold = dict(snakemake.params.hold)  # empty if it plays no part
+made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor, **(chosen | hold if hold else {})}}
+grasper_type = grasp.grasper_type(chosen, hold)
 made_from = provenance.combine(made_with, provenance.of_meshes(meshes), surface.made)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 
@@ -30,10 +35,14 @@ points = dict(zip(surface["object"], surface["points"], strict=True))
 def close_hand(name: str) -> dict:
     visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
     draw = generator(seed, name, "grasps")
-    found = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
+    options = {**settings, "sensor": sensor, "grasper_type": grasper_type}
+    found = grasp.grasp_object(visual, collision, points[name], robot, draw, **options)
     omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
     log.info("%s: omitted: %s", name, omitted)
-    return vars(found)
+    if chosen["keep"] == "hold":
+        log.info("%s: %d attempts, %d grasps, of which %d hold", name, found.attempts, found.made, len(found.touches))
+        found.more["made"] = np.int32(found.made)
+    return vars(found) | found.more
 
 
 grasps = each_object(points, close_hand, "grasps")

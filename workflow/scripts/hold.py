@@ -24,13 +24,14 @@ made = [provenance.of_meshes(meshes), surface.made, store.open(inputs.grasps).ma
 made_from = provenance.combine({"seed": seed, "hold": params.hold}, *made)
 hand, sensor = Hand.from_arrays(grasps, prefix="hand/"), replace(DIGIT, **params.sensor)
 points = dict(zip(surface["object"], surface["points"], strict=True))
+grasper_type = grasp.grasper_type(params.grasps, params.hold)
 settings = {key: params.grasps[key] for key in ("timestep", "max_penetration", "thumb_share")}
 
 
 def let_go(row: int, name: str) -> dict:
     visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
     kept = {array: values[row] for array, values in grasps.items() if len(values) == len(grasps["object"])}
-    grasper = grasp.Grasper(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
+    grasper = grasper_type(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
     draw, remedy = generator(seed, name, "grasps"), rebuild_advice(inputs.grasps)
     found = grasp.hold_grasps(grasper, collision, kept, draw, remedy=remedy, **params.hold)
     unknown = (found["held_along"] < 0).sum()
