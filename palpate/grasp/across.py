@@ -71,7 +71,7 @@ class AntipodalGrasper(HoldingGrasper):
     """
 
     def __init__(self, *args, grip: float, is_loose: bool = True, **kwargs):
-        """grip: N with which each side of the hand presses. is_loose: whether the object can move while the hand closes.
+        """grip: N with which each side of the hand presses. is_loose: whether the object moves while the hand closes.
         Raises UnusableObject for a hand whose fingers can't oppose each other."""
         self.grip, self.is_loose = grip, is_loose
         super().__init__(*args, **kwargs)
@@ -121,10 +121,10 @@ class AntipodalGrasper(HoldingGrasper):
         self.placed, self.simulation.sides = placed, placed.sides
         self.simulation.place(placed.pose, placed.joints)
 
-    def place_again(self, grasp: Mapping[str, np.ndarray]) -> None:
-        """Put the simulation where the closing of a stored grasp began."""
+    def place_again(self, kept: Mapping[str, np.ndarray], number: int) -> None:
+        """Put the simulation where the closing of one of an object's kept grasps began."""
         names = "start_pose", "start_positions", "target_positions", "sensor_side"
-        self.put(Placement(*(np.asarray(grasp[name]) for name in names)))
+        self.put(Placement(*(kept[name][number] for name in names)))
 
     def palm_pose(self, placed: np.ndarray) -> np.ndarray:
         """As `Grasper.palm_pose`: the object has moved."""

@@ -171,8 +171,8 @@ class Oppositions:
         """Inverse kinematics of some sensors at once, within the joints' ranges, in the palm's frame.
 
         joints: (n, J) to start from; goal, inward: (n, t, 3), or (t, 3), where the gels of `sensors` (t,) shall be and
-        look. Returns joint positions (n, J), and by how much each gel is off (n, t, 6): its place, m, and its direction,
-        by `DIRECTION_LENGTH`.
+        look. Returns joint positions (n, J), and by how much each gel is off (n, t, 6): its place, m, and its
+        direction, by `DIRECTION_LENGTH`.
         """
         workspace, hand = self.workspace, self.workspace.hand
         goals = np.zeros((len(joints), len(hand.sensor_link), 3)), np.zeros((len(joints), len(hand.sensor_link), 3))

@@ -39,7 +39,7 @@ def kept_closings(
     palms, found = kept["palm_pose"], 0
     if "start_pose" in kept:
         for number, pose in enumerate(kept["start_pose"]):
-            grasper.place_again({name: values[number] for name, values in kept.items() if np.ndim(values)})
+            grasper.place_again(kept, number)
             yield number, pose, kept["target_positions"][number]
         return
     for _ in range(int(kept["attempts"])):

@@ -1,7 +1,7 @@
 """Grasps of one object: attempts until enough of them are valid, of which the best are kept."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Any
@@ -101,6 +101,9 @@ class Grasper:
     def palm_pose(self, placed: np.ndarray) -> np.ndarray:
         """The palm's pose (4, 4) in the present state, in the object's frame, if it was placed at `placed` (4, 4)."""
         return placed
+
+    def place_again(self, kept: Mapping[str, np.ndarray], number: int) -> None:
+        """Put the simulation where the closing of a kept grasp began, if the grasp says so: `palpate.grasp.across`."""
 
     def at_rest(self) -> dict[str, np.ndarray] | str:
         """What else a grasp has in the present state, by name; or the reason for which it is none."""

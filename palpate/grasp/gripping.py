@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from palpate.grasp.closing import RAMP, GraspSimulation
+from palpate.grasp.closing import RAMP
 from palpate.grasp.hold import Body, HoldSimulation
 from palpate.grasp.targets import sensor_joints
 from palpate.hand import Hand
@@ -21,7 +21,7 @@ DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, 
 
 class GripSimulation(HoldSimulation):
     """A `HoldSimulation` whose closing ends with a given force: the fingers of each of the two sides that touch the
-    object press with `grip` N along the line between them, whatever the servos' gain. No gravity acts while the hand closes."""
+    object press with `grip` N along the line between them, whatever the servos' gain. No gravity acts meanwhile."""
 
     def __init__(
         self,

@@ -50,10 +50,9 @@ def cone_margin(contacts: ObjectContacts, friction: float) -> float:
 
 
 def wrench_radius(contacts: ObjectContacts, friction: float, centre: np.ndarray, length: float) -> float:
-    """Radius (N) of the largest ball of wrenches, about `centre` (3,), that the contacts resist with normal forces whose
-    sum is that at rest: the distance to the nearest facet of the hull of their cones' edges (Ferrari and Canny 1992).
-
-    Torques count over `length` (m). 0 if some wrench is not resisted at all.
+    """Radius (N) of the largest ball of wrenches, about `centre` (3,), that the contacts resist with normal forces
+    whose sum is that at rest: the distance to the nearest facet of the hull of their cones' edges (Ferrari and Canny,
+    1992). Torques count over `length` (m). 0 if some wrench is not resisted at all.
     """
     position, frame, total = contacts.position[:MOST], contacts.frame[:MOST], contacts.force[:, 0].sum()
     turn = 2 * np.pi * np.arange(EDGES) / EDGES

@@ -114,8 +114,8 @@ def test_a_cone_is_squeezed_out_where_friction_is_less_than_the_tangent_of_its_a
     cone.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))  # its axis along y
     cone.apply_translation((0, height / 2, 0))
     half = slope * (height / 2)
-    assert gripped(cone, half, 1.15 * slope) < SLIPPED
-    assert gripped(cone, half, 0.8 * slope) > SLIPPED
+    assert gripped(cone, half, 1.1 * slope) < 0.0005
+    assert gripped(cone, half, 0.9 * slope) > 0.002  # or on until its tip
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_kept_grasps_hold_and_the_record_says_how_many_were_tried(grasped):
     kept = vars(grasped) | grasped.more
     found = hold_grasps(again(), BOX, kept, None, **TEST._asdict())
     assert (found["held"] == 1).all() and (found["moved"] <= DISTANCE).all()
-    assert (found["wrench_radius"] >= 0).all() and ((0 < found["cone_margin"]) & (found["cone_margin"] <= 1)).all()
+    assert (found["wrench_radius"] >= 0).all() and ((found["cone_margin"] > 0) & (found["cone_margin"] <= 1)).all()
     assert len(grasped.touches) <= grasped.made <= grasped.attempts
     assert grasped.touches.all()  # both jaws
 
