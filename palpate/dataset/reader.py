@@ -387,6 +387,11 @@ class GraspRecord(_Record):
         """Its closing, from the open hand to this grasp; nothing is read yet."""
         return FramesRecord(self._run, self._entry, self.number, self.camera_number)
 
+    @property
+    def has_forces(self) -> bool:
+        """Whether the hand closed with a grip: `sensor_force` and other arrays of antipodal grasps."""
+        return "grasps" in self.stages and "sensor_force" in self._run.store("grasps", self._entry.batch)
+
     @cached_property
     def points(self) -> list[np.ndarray]:
         """s of (count, 3) float32, m. The local clouds, world frame; no points of a sensor that touched nothing."""

@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 EDGES = 8  # of the pyramid inside a friction cone
 MOST = 16  # contacts whose cones are taken: those with the largest forces
+FLAT = 1e-7  # a smaller radius, of forces that sum to 1, is rounding
 PRESSED = 0.02  # of the force on the object: a finger with less says nothing about slipping
 
 
@@ -59,7 +60,9 @@ def wrench_radius(contacts: ObjectContacts, friction: float, centre: np.ndarray,
     edges = np.stack([np.ones(EDGES), friction * np.cos(turn), friction * np.sin(turn)], axis=-1) @ frame
     torques = np.cross((position - centre)[:, None], edges) / length
     try:
-        hull = ConvexHull(np.concatenate([edges, torques], axis=-1).reshape(-1, 6))
+        # Joggled: several contacts of one face are nearly the same point, whose facets can't be merged.
+        hull = ConvexHull(np.concatenate([edges, torques], axis=-1).reshape(-1, 6), qhull_options="QJ")
     except (QhullError, ValueError):  # flat, or too few points: no force along some wrench
         return 0.0
-    return float(total * max(0.0, -hull.equations[:, -1].max()))
+    radius = -hull.equations[:, -1].max()
+    return float(total * radius) if radius > FLAT else 0.0

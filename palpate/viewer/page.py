@@ -84,7 +84,25 @@ def _grasp(grasp: GraspRecord) -> dict[str, object]:
         touch = {"touches": grasp.success[number], "points": grasp.point_count[number]}
         picture = {"reading": data_uri(grasp.reading[number]), "colour": sensor_colour(number)}
         sensors.append({"name": name, **picture, **touch})
-    return {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
+    shown = {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
+    return shown | {"forces": _forces(grasp), "label": _label(grasp)}
+
+
+def _forces(grasp: GraspRecord) -> str:
+    """With what each sensor's link presses the object at rest; empty for a grasp without a grip."""
+    pressed = zip(grasp.sensors, grasp.sensor_force, strict=True) if grasp.has_forces else ()
+    return ", ".join(f"{name} {force:.1f} N" for name, force in pressed)
+
+
+def _label(grasp: GraspRecord) -> str:
+    """Whether the grasp holds the object, and how well; empty if that was not tested."""
+    if "hold" not in grasp.stages:
+        return ""
+    along = f"{(grasp.held_along == 1).sum()} of {len(grasp.held_along)} directions of gravity"
+    quality = (
+        f"resists any disturbance up to {grasp.wrench_radius:.2f} N; {100 * grasp.cone_margin:.0f} % of friction left"
+    )
+    return f"{'holds' if grasp.held == 1 else 'does not hold'}: {along}; {quality}"
 
 
 def _frames(grasp: GraspRecord) -> dict[str, object]:

@@ -64,6 +64,10 @@ def test_no_wrench_inside_the_ball_is_beyond_the_contacts():
         found = linprog(-np.eye(len(points) + 1)[-1], weights, [1], program, np.zeros(6))
         reach.append(6 * found.x[-1])
     assert 0 < radius <= min(reach) < 2 * radius
+    twin = type(pressed)(*(np.concatenate([values, values]) for values in pressed))
+    near = twin.position + 1e-7 * generator.normal(size=twin.position.shape)  # contacts that are nearly the same
+    twin = twin._replace(position=near, force=twin.force / 2)
+    assert wrench_radius(twin, 0.8, centre, 0.03) == pytest.approx(radius, rel=1e-4)
 
 
 def test_two_points_do_not_resist_turning_and_the_ball_grows_with_the_grip():
