@@ -33,7 +33,15 @@ class HoldTest(NamedTuple):
 class HoldingGrasper(Grasper):
     """A `Grasper` that keeps grasps that hold only."""
 
-    def __init__(self, visual, collision, *args, test: HoldTest, only_held: bool = True, **kwargs):
+    def __init__(
+        self,
+        visual: trimesh.Trimesh,
+        collision: trimesh.Trimesh,
+        *args: Any,
+        test: HoldTest,
+        only_held: bool = True,
+        **kwargs: Any,
+    ):
         """test: which grasps hold. only_held: whether others are not kept. Others as for `Grasper`."""
         self.test, self.only_held, self.collision = test, only_held, collision
         super().__init__(visual, collision, *args, **kwargs)
@@ -70,7 +78,9 @@ class AntipodalGrasper(HoldingGrasper):
     A grasp's `more` are the arrays that the contract has for such grasps.
     """
 
-    def __init__(self, *args, grip: float, is_loose: bool = True, **kwargs):
+    simulation: GripSimulation
+
+    def __init__(self, *args: Any, grip: float, is_loose: bool = True, **kwargs: Any):
         """grip: N with which each side of the hand presses. is_loose: whether the object moves while the hand closes.
         Raises UnusableObject for a hand whose fingers can't oppose each other."""
         self.grip, self.is_loose = grip, is_loose

@@ -5,7 +5,6 @@ the friction cone of the normal; where it leaves the object it has to be within 
 """
 
 from functools import lru_cache
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -58,13 +57,13 @@ def opposing_points(
     normals = rays.normals / np.linalg.norm(rays.normals, axis=1, keepdims=True)
     lengths, cosines = np.full((2, RAYS, CROSSINGS + 1), np.inf)  # where each ray meets a face, and under which angle
     along, alive = np.full(RAYS, STEP), np.flatnonzero(~rays.blocked(start - STEP * ray, -ray, CLEARANCE))
-    for crossing in range(CROSSINGS):
+    for number in range(CROSSINGS):
         face = rays.first_face(start[alive] + along[alive, None] * ray[alive], ray[alive], widest + CLEARANCE)
         alive, face = alive[face >= 0], face[face >= 0]
-        cosines[alive, crossing] = slope = np.einsum("ni,ni->n", normals[face], ray[alive])
+        cosines[alive, number] = slope = np.einsum("ni,ni->n", normals[face], ray[alive])
         with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
             length = np.einsum("ni,ni->n", normals[face], rays.triangles[face, 0] - start[alive]) / slope
-        lengths[alive, crossing] = along[alive] = np.fmax(along[alive], length) + STEP
+        lengths[alive, number] = along[alive] = np.fmax(along[alive], length) + STEP
     within = (lengths >= NARROWEST) & (lengths <= widest) & (cosines >= least) & (cosines <= 1 + 1e-9)
     within[:, :-1] &= lengths[:, 1:] > lengths[:, :-1] + CLEARANCE  # room for a finger
     ray_of, crossing = np.nonzero(within)
@@ -74,22 +73,16 @@ def opposing_points(
 
 def sides_of(hand: Hand) -> np.ndarray:
     """The side (s,) of each sensor: 1 for those that the hand's file says oppose the others, or else the thumb's, or
-    else, of two groups of the open hand's gels, the one of the first; -1 for the others. One sensor has no side, 0."""
-    count = len(hand.sensor_link)
+    else, of the open hand's gels, those on the first one's side of the widest gap; -1 for others. One alone has 0."""
     first = hand.sensor_thumb if hand.opposing_sensors is None else hand.opposing_sensors
-    if count == 1:
+    if len(first) == 1:
         return np.zeros(1, dtype=int)
     if not first.any():
         place = hand.sensor_frames(hand.forward(np.eye(4), hand.open_joint_positions))[0]
-        groups = [[0, *others] for size in range(count - 1) for others in combinations(range(1, count), size)]
-
-        def apart(group: list[int]) -> float:
-            """Variance between the group and the rest."""
-            rest = np.setdiff1d(np.arange(count), group)
-            between = np.linalg.norm(place[group].mean(axis=0) - place[rest].mean(axis=0))
-            return between**2 * len(group) * len(rest)
-
-        first = np.isin(np.arange(count), max(groups, key=apart))
+        along = (place - place.mean(axis=0)) @ np.linalg.svd(place - place.mean(axis=0))[2][0]
+        ordered = np.sort(along)
+        first = along > ordered[np.diff(ordered).argmax()]
+        first = first == first[0]
     return np.where(first, 1, -1)
 
 
@@ -135,7 +128,7 @@ class Oppositions:
         near = np.argsort(np.abs(self.width - width - 2 * CLEARANCE), kind="stable")[: 8 * TRIED]
         chosen = rng.permutation(near)[:TRIED]
         turn, along = rng.uniform(0, 2 * np.pi, len(chosen)), self.apex[chosen, 1] - self.apex[chosen, 0]
-        rotation = rotation_about(axis, turn) @ between(along / self.width[chosen, None], axis)
+        rotation = rotation_about(axis, turn) @ least_rotation(along / self.width[chosen, None], axis)
         centre = (rotation @ self.apex[chosen].mean(axis=1)[..., None])[..., 0]
         pose = np.tile(np.eye(4), (len(chosen), 1, 1))
         pose[:, :3, :3], pose[:, :3, 3] = rotation, pair.mean(axis=0) - centre
@@ -148,26 +141,28 @@ class Oppositions:
         best = int(missed.argmin())
         if missed[best] == np.inf:
             return None
-        main, goals, directions, sides = [*self.main], [*ends[best]], [*inward[best]], np.zeros_like(self.sides)
-        sides[main] = -1, 1
-        pose, turned = pose[best], rotation[best]
-        own = (surface.points - pose[:3, 3]) @ turned
-        for sensor in np.flatnonzero(self.sides):
-            if sensor not in main:
-                # Beside the main gel of its side, as far as in the open hand, where the surface faces it.
-                k = int(self.sides[sensor] > 0)
-                place = ends[best, k] + workspace.open_apex[sensor] - workspace.open_apex[self.main[k]]
-                off = np.linalg.norm(own - place, axis=1)
-                off[-(surface.normals @ turned) @ inward[best, k] < BESIDE_FACING] = np.inf
-                if off.min() < BESIDE:
-                    main.append(sensor), goals.append(own[off.argmin()]), directions.append(inward[best, k])
-                    sides[sensor] = self.sides[sensor]
-        goals, directions = np.array(goals), np.array(directions)
-        steps = np.array([-CLEARANCE, PRESS])[:, None, None]
-        joints, _ = self.reach(np.tile(start[best], (2, 1)), np.array(main), goals + steps * directions, directions)
-        return Placement(pose, *joints, sides)
+        sensors, goals, directions = self.main.tolist(), [*ends[best]], [*inward[best]]
+        own = (surface.points - pose[best, :3, 3]) @ rotation[best]
+        for sensor in np.setdiff1d(np.flatnonzero(self.sides), self.main).tolist():
+            # Beside the main gel of its side, as far as in the open hand, where the surface faces it.
+            k = int(self.sides[sensor] > 0)
+            place = ends[best, k] + workspace.open_apex[sensor] - workspace.open_apex[self.main[k]]
+            away = np.linalg.norm(own - place, axis=1)
+            away[-(surface.normals @ rotation[best]) @ inward[best, k] < BESIDE_FACING] = np.inf
+            if away.min() < BESIDE:
+                sensors.append(sensor)
+                goals.append(own[away.argmin()])
+                directions.append(inward[best, k])
+        way = np.array(directions) * np.array([-CLEARANCE, PRESS])[:, None, None]
+        (joints, targets), _ = self.reach(
+            np.tile(start[best], (2, 1)), np.array(sensors), np.array(goals) + way, np.array(directions)
+        )
+        sides = np.where(np.isin(np.arange(len(self.sides)), sensors), self.sides, 0)
+        return Placement(pose[best], joints, targets, sides)
 
-    def reach(self, joints: np.ndarray, sensors: np.ndarray, goal: np.ndarray, inward: np.ndarray):
+    def reach(
+        self, joints: np.ndarray, sensors: np.ndarray, goal: np.ndarray, inward: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Inverse kinematics of some sensors at once, within the joints' ranges, in the palm's frame.
 
         joints: (n, J) to start from; goal, inward: (n, t, 3), or (t, 3), where the gels of `sensors` (t,) shall be and
@@ -198,7 +193,7 @@ class Oppositions:
         return best, off
 
 
-def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def least_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Rotations (n, 3, 3) that take unit vectors `start` (n, 3) to `end` (3,), by the least angle."""
     axis, cosine = np.cross(start, end), start @ end
     length = np.linalg.norm(axis, axis=1)

@@ -122,6 +122,11 @@ class GraspSimulation:
         """Joint positions (J,), rad (of a slide m), and velocities (J,), a second, in the present state."""
         return self.data.qpos[self._joints].copy(), self.data.qvel[self._joints].copy()
 
+    @property
+    def object_pose(self) -> np.ndarray:
+        """Pose (4, 4) of the object in the present state: the identity, where it is held."""
+        return np.eye(4)
+
     def in_contact(self) -> bool:
         """Whether the hand touches the object in the present state; contact with itself does not count."""
         one, other = (self.model.geom_bodyid[self.data.contact.geom] == self._object).T

@@ -53,7 +53,9 @@ class GripSimulation(HoldSimulation):
 
     @property
     def object_pose(self) -> np.ndarray:
-        """Pose (4, 4) of the object in the present state; where it was placed, the identity."""
+        """As `GraspSimulation.object_pose`; of a loose object where it has moved to."""
+        if not self.loose:
+            return np.eye(4)
         pose, rotation = np.eye(4), np.zeros(9)  # not `xpos`, which after a step is that before it
         mujoco.mju_quat2Mat(rotation, self.data.qpos[-4:])
         pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), self.data.qpos[-7:-4]

@@ -200,8 +200,8 @@ class _Reader:
         )
         opened = self._open(description.get("open"), read)
         opposing = np.isin(names, opposes) if opposes else None
-        changes = {"open_joint_positions": opened, "opposing_sensors": opposing}
-        return replace(read, **changes, colliding_pairs=self._colliding(read, geoms))
+        colliding = self._colliding(read, geoms)
+        return replace(read, open_joint_positions=opened, colliding_pairs=colliding, opposing_sensors=opposing)
 
     def _find(self, kind: str, name: str) -> int:
         """The number of a body or a site that the description of the sensors names."""
