@@ -230,7 +230,7 @@ def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[st
     for name, spec in CONTRACT[stage].arrays.items():
         if not spec.of_objects or name == "object":
             continue
-        if spec.optional and records and not any(name in record for record in records.values()):
+        if spec.optional and (records or spec.asked) and not any(name in record for record in records.values()):
             continue
         rows = {key: np.asarray(record[name], dtype=spec.dtype) for key, record in records.items()}
         shapes = {row.shape: key for key, row in rows.items()}
