@@ -16,6 +16,7 @@ GRIPPED = 0.95  # share of the duration in which the grip grows and follows the 
 UPDATE = 5  # time steps after which the servos' targets follow the fingers
 STRONGEST = 4.0  # of the servos' limit, over the grip (of hinges at `ARM`): a driver may move two jaws
 IMPRATIO = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps by millimetres a second
+LEAST_MASS = 0.05  # kg, about a jaw's: fingers sink into lighter objects, whose contacts are as soft as they are light
 DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, as if it lay on a table
 
 
@@ -36,6 +37,8 @@ class GripSimulation(HoldSimulation):
     ):
         """grip: N. loose: whether the object can move. Others as for `HoldSimulation`."""
         self.grip, self.loose = grip, loose
+        self.heavier = max(1.0, LEAST_MASS / body.mass)
+        body = body._replace(mass=self.heavier * body.mass, inertia=self.heavier * body.inertia)
         super().__init__(hand, patches, body, friction, timestep, stiffness)
         self.model.opt.impratio = IMPRATIO
         model = self.model
@@ -50,6 +53,10 @@ class GripSimulation(HoldSimulation):
         inertia = np.repeat([model.body_mass[self._object], model.body_inertia[self._object].mean()], 3)
         self._drag = np.append(model.dof_damping[: len(hand.joint_link)], inertia / DRAG)[: model.nv]
         self._no_drag = model.dof_damping.copy()
+
+    def weight(self, gravity: np.ndarray) -> np.ndarray:
+        """As `HoldSimulation.weight`: the object's own weight, on a body that may be heavier."""
+        return gravity / self.heavier
 
     @property
     def object_pose(self) -> np.ndarray:

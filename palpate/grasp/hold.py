@@ -83,6 +83,10 @@ class HoldSimulation(GraspSimulation):
         free.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         return spec
 
+    def weight(self, gravity: np.ndarray) -> np.ndarray:
+        """The acceleration (3,) with which the simulated body has the object's weight."""
+        return gravity
+
     def moved(
         self,
         palm_pose: np.ndarray,
@@ -98,7 +102,7 @@ class HoldSimulation(GraspSimulation):
         (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.
         """
         model, data = self.model, self.data
-        model.opt.gravity = gravity
+        model.opt.gravity = self.weight(gravity)
         self.place(palm_pose, joint_positions)
         data.ctrl[:] = targets[self._drivers]
         start, farthest = data.xipos[self._object].copy(), 0.0
@@ -176,7 +180,7 @@ def hold_grasps(
         "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
         "held_along": held,
         "moved": np.where(simulated, moved, np.inf),
-        "mass": np.float64(simulation.model.body("object").mass[0]),
+        "mass": np.float64(simulation.model.body("object").mass[0] * simulation.weight(np.ones(3))[0]),
         "solid": np.bool_(simulation.body.solid),
         "wrench_radius": radius,
         "cone_margin": margin,
