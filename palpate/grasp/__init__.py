@@ -1,4 +1,5 @@
-"""Grasps, on the surface or across the object: placement of the palm, targets of the fingers, closing in MuJoCo, penetration check, selection."""
+"""Grasps, on the surface or across the object: placement of the palm, targets of the fingers, closing in MuJoCo,
+penetration check, selection; and whether they hold."""
 
 from palpate.grasp.across import grasper_type
 from palpate.grasp.frames import closing_frames
