@@ -1,5 +1,6 @@
 """Colours and pictures of the procedural objects."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,11 +17,11 @@ PALETTES = read_yaml(Path(__file__).with_name("palettes.yaml"))
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A physically based material: sRGB colour 0-255, metallic and roughness 0-1, and a picture instead of the
+    """A physically based material: sRGB colour (3,) 0-255, metallic and roughness 0-1, and a picture instead of the
     colour."""
 
     name: str
-    colour: tuple[int, int, int]
+    colour: tuple[int, ...]
     metallic: float = 0.0
     roughness: float = 0.5
     picture: Image.Image | None = None
@@ -38,15 +39,22 @@ class Material:
         )
 
 
-def choose(rng: np.random.Generator, palette: str, names=None, metallic=None, roughness=None) -> Material:
+def choose(
+    rng: np.random.Generator,
+    palette: str,
+    names: Sequence[str] = (),
+    metallic: float | None = None,
+    roughness: float | None = None,
+) -> Material:
     """One of a palette's colours (or of `names` in it), a little lighter or darker, a little shifted."""
-    found = PALETTES[palette]
-    metallic = found["metallic"] if metallic is None else metallic
-    roughness = found["roughness"] if roughness is None else roughness
-    roughness = rng.uniform(*roughness) if isinstance(roughness, list) else roughness
-    names = list(found["colours"]) if names is None else names
+    colours = PALETTES[palette]["colours"]
+    metallic = PALETTES[palette]["metallic"] if metallic is None else metallic
+    if roughness is None:
+        roughness = PALETTES[palette]["roughness"]
+        roughness = rng.uniform(*roughness) if isinstance(roughness, list) else roughness
+    names = names or list(colours)
     name = names[rng.integers(len(names))]
-    colour = np.array(found["colours"][name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
+    colour = np.array(colours[name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
     material = Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
     return grained(material, rng) if palette == "wood" else material
 

@@ -39,12 +39,12 @@ Styles = dict[str, Mapping[str, list[float] | str]]
 
 def read(class_name: str, form: Mapping[str, Range]) -> tuple[Parameters, Styles]:
     """Parameters and styles of a class, from its YAML file; form: the last group (`palpate.shapes.deformation`)."""
-    found = _file(class_name)
+    content = _file(class_name)
     groups = {
         group: {name: (Range if len(values) == 4 else Choice)(*values) for name, values in parameters.items()}
-        for group, parameters in found["parameters"].items()
+        for group, parameters in content["parameters"].items()
     }
-    return groups | {"form": form}, found["styles"]
+    return groups | {"form": form}, content["styles"]
 
 
 @cache
@@ -79,16 +79,17 @@ def draw(rng: np.random.Generator, style: str, parameters: Parameters, styles: S
     The first group is always drawn as in `style`; each other group is drawn as in a style that is chosen at random with
     the probability `EXCHANGE`.
     """
-    values, names = {}, list(styles)
+    values: dict[str, Any] = {}
+    names = list(styles)
     for position, group in enumerate(parameters.values()):
         other = names[rng.integers(len(names))]
         donor = other if position and rng.uniform() < EXCHANGE else style
         for name, parameter in group.items():
-            asked = styles[donor].get(name)
+            own: Any = styles[donor].get(name)
             if isinstance(parameter, Choice):
-                options = (asked or parameter.options).split()
+                options = (own or parameter.options).split()
                 values[name] = options[rng.integers(len(options))]
             else:
-                value = rng.uniform(*(asked or parameter[:2]))
+                value = rng.uniform(*(own or parameter[:2]))
                 values[name] = int(value) if parameter.unit == "count" else value
     return SimpleNamespace(**values)

@@ -3,11 +3,16 @@
 trimesh's wrapper copies, scales and normalises every ray, which costs more than tracing the rays of a sensor.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from palpate.mesh import Geometry
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 
 class RayMesh:
@@ -19,7 +24,7 @@ class RayMesh:
     the box around them.
     """
 
-    def __init__(self, mesh: Geometry):
+    def __init__(self, mesh: "Geometry | Trimesh"):
         """mesh: anything with `vertices` and `faces`. Raises ValueError if none of its faces has an area."""
         vertices = np.asarray(mesh.vertices, dtype=np.float64)
         triangles = vertices[np.asarray(mesh.faces).reshape(-1, 3)]
@@ -53,6 +58,6 @@ class RayMesh:
         """Whether each ray meets any face at all: (n,) bool. Cheaper than `first_face`."""
         return self._query(origins, directions, reach, "OCCLUDED") != -1
 
-    def _query(self, origins, directions, reach, query) -> np.ndarray:
+    def _query(self, origins: np.ndarray, directions: np.ndarray, reach: float | None, query: str) -> np.ndarray:
         origins = np.subtract(origins, self._centre).astype(np.float32)
         return self._scene.run(origins, np.asarray(directions, dtype=np.float32), dists=reach, query=query)
