@@ -98,7 +98,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     entries = catalogue.scan(source, classes)
     for entry in entries:
         checked(f"{source.path}/{entry.source}")
-    batches = catalogue.read_batches(folder, config["batch_size"], len(entries))
+    batch_size, places = catalogue.read_batches(folder, config["batch_size"], len(entries))
     grasps = config["grasps"]
     own = grasps["hand"]
     hand = HandFiles(absolute(own["mjcf"], project), absolute(own["sensors"], project)) if own else None
@@ -124,7 +124,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     for message, holds in contradictions.items():
         if holds:
             raise ConfigError(f"config {message}")
-    return Settings(folder, source, classes, entries, *batches, hand, touch_sensor, experiments, recipe)
+    return Settings(folder, source, classes, entries, batch_size, places, hand, touch_sensor, experiments, recipe)
 
 
 say = partial(print, flush=True)

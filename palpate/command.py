@@ -154,7 +154,7 @@ class Command(NamedTuple):
 
 
 OBJECT = {"help": "its name in catalogue.csv, for example bottle-0011"}
-MODEL = {
+MODEL: dict[str, dict[str, Any]] = {
     "--seed": {"type": int, "help": "of the trained model (default: the first there is)"},
     "--device": {"default": "cpu", "help": "of torch (default: cpu)"},
 }

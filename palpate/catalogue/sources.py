@@ -109,14 +109,14 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
     return _turned(source, _distinct(entries))
 
 
-def style_of(entry: SourceObject, seed: int) -> str:
+def style_of(name: str, class_name: str, seed: int) -> str:
     """The style of a procedural object. Raises CatalogueError for an object of another source."""
-    index = entry.object.removeprefix(f"{entry.class_name}-")
-    if entry.class_name not in shapes.CLASSES or not index.isdigit():
+    index = name.removeprefix(f"{class_name}-")
+    if class_name not in shapes.CLASSES or not index.isdigit():
         raise CatalogueError(
-            f"{entry.object}: only procedural objects have styles: set `split: {{held_out: objects}}` in the config"
+            f"{name}: only procedural objects have styles: set `split: {{held_out: objects}}` in the config"
         )
-    return shapes.style(entry.class_name, int(index), seed)
+    return shapes.style(class_name, int(index), seed)
 
 
 def all_classes(source: Source) -> dict[str, Count]:
