@@ -111,11 +111,7 @@ def euler_rotation(angles: Iterable[float]) -> np.ndarray:
 
 
 def looking_at(
-    target: Vector,
-    position: Vector,
-    size: int = IMAGE_SIZE,
-    field_of_view: float = 34.95,
-    up: Vector = (0.0, 0.0, 1.0),
+    target: Vector, position: Vector, size: int = IMAGE_SIZE, field_of_view: float = 34.95, up: Vector = (0.0, 0.0, 1.0)
 ) -> Camera:
     """A camera at `position` (3,) that looks at `target` (3,); angle in degrees. ValueError if it is along `up`."""
     position = np.asarray(position, dtype=float)

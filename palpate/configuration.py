@@ -186,6 +186,7 @@ def whole_numbers(values: Any) -> Any:
 
 @cache
 def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
+    """The validator of a schema file."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's, where it is there, is ten times as fast
     return jsonschema.Draft202012Validator(yaml.load(Path(schema).read_text(), loader))
 

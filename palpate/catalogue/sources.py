@@ -278,16 +278,16 @@ def _matches(root: Path, pattern: str) -> Iterator[str]:
     if deep:
         folders = glob.iglob(above, root_dir=root) if above else [""]
         rest = rest.lstrip("/") or "*"
-        found = (
+        files = (
             folder + file
             for folder in folders
             for file in _each_mesh(root / folder)
             if rest == "*" or PurePosixPath(file).match(rest)  # by its last parts
         )
     else:
-        found = (file for file in glob.iglob(pattern, root_dir=root) if MESH_SUFFIX.search(file))
-        found = (file for file in found if not (root / file).is_dir())
-    return (file.encode("utf-8", "backslashreplace").decode() for file in found)  # see `named_files.unusable`
+        matches = (file for file in glob.iglob(pattern, root_dir=root) if MESH_SUFFIX.search(file))
+        files = (file for file in matches if not (root / file).is_dir())
+    return (file.encode("utf-8", "backslashreplace").decode() for file in files)  # see `named_files.unusable`
 
 
 def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[str]:

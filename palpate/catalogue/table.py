@@ -243,7 +243,7 @@ def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry]) -> None
 
 
 def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
-    """As `palpate.named_files.companions`; of a released surface the object's images and scenes."""
+    """The files of `palpate.named_files.companions`; of a released surface the object's images and scenes."""
     if path.suffix.lower() == ".npy":
         return sorted(name for name in layout.files(path) if (path.parent / name).is_file())
     return named_files.companions(path, root, head)

@@ -50,7 +50,7 @@ class Contents(NamedTuple):
         return self.grasps[0]
 
     def names(self) -> dict[str, list[str]]:
-        """Of each array the names of the files or columns that hold it."""
+        """Names of the files or columns that hold each array, by the array's."""
         example, grasps = self.example, self.grasps
         return {name: self.layout.names(name, [*pictures(grasps, name, example[name])]) for name in grasps.arrays}
 
@@ -96,7 +96,7 @@ def png(image: np.ndarray) -> bytes:
 
 @lru_cache(maxsize=16)
 def _png(content: bytes, shape: tuple[int, ...]) -> bytes:
-    """Of a uint8 image. Run lengths (Z_RLE) take 0.2 to 0.4 of the default's time."""
+    """The PNG of a uint8 image. Run lengths (Z_RLE) take 0.2 to 0.4 of the default's time."""
     file = io.BytesIO()
     Image.fromarray(np.frombuffer(content, np.uint8).reshape(shape)).save(file, "PNG", compress_type=zlib.Z_RLE)
     return file.getvalue()

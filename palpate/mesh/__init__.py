@@ -114,6 +114,7 @@ def usable(batch: Path | str, contents: bool = False) -> list[str]:
 
 
 def _remedy(batch: Path | str) -> str:
+    """What messages advise about a batch's damaged folder."""
     return rebuild_advice(batch, str(batch))
 
 
@@ -137,7 +138,7 @@ def load_geometry(folder: Path | str) -> Geometry:
         offset = start + view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return np.frombuffer(data, dtype, accessor["count"] * width, offset).reshape(-1, 3)
 
-    parts = [primitive for each in tree["meshes"] for primitive in each["primitives"]]
+    parts = [primitive for mesh in tree["meshes"] for primitive in mesh["primitives"]]
     vertices = [read(part["attributes"]["POSITION"], 3) for part in parts]
     first = np.cumsum([0, *map(len, vertices)])[:-1]
     faces = [read(part["indices"], 1) + number for part, number in zip(parts, first, strict=True)]

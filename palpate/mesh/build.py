@@ -143,7 +143,7 @@ def joined(parts: Sequence[trimesh.Trimesh], source: Path) -> tuple[np.ndarray, 
 
 
 def _single_rounding(vertices: np.ndarray) -> float:
-    """By how much coordinates (n, 3) were rounded to single precision, at most; 0 if they were not.
+    """Largest rounding of coordinates (n, 3) to single precision; 0 if they were not rounded.
 
     They were if each is a number of single precision, and some use its last digit.
     """

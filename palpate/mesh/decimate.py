@@ -35,6 +35,7 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nd
 def _collapsed(
     vertices: np.ndarray, faces: np.ndarray, count: int, fixed_borders: bool
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces after quadric edge collapse to about `count` faces."""
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
     # All parameters: those not given pymeshlab takes from the call before, and results would depend on it.

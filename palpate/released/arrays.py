@@ -178,6 +178,7 @@ def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int)
 
 
 def _image(path: Path, size: int) -> np.ndarray:
+    """An image (size, size, 3) uint8 over white. Raises UnusableObject for a file that can't be read."""
     try:
         with Image.open(path) as file:
             image = file.convert("RGBA")

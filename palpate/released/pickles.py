@@ -49,6 +49,7 @@ class _Refused(Exception):
 
 
 def _load(file: io.BufferedIOBase) -> Any:
+    """The array of an open file, or its element. Raises `_Refused` for what is not plain."""
     major, minor = np.lib.format.read_magic(file)
     read = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
     if major not in read:

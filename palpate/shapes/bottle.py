@@ -105,7 +105,7 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
 
 
 def evenly_turning(profile: np.ndarray, count: int) -> np.ndarray:
-    """At most `count` rows of a profile (k, 2), closer where it curves, so that the facets turn alike."""
+    """Rows of a profile (k, 2), `count` at most, closer where it curves, so that the facets turn alike."""
     steps = np.diff(profile, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     turns = np.abs(np.diff(np.unwrap(arctan2(steps[:, 1], steps[:, 0]))))

@@ -49,6 +49,7 @@ def read(class_name: str, form: Mapping[str, Range]) -> tuple[Parameters, Styles
 
 @cache
 def _file(class_name: str) -> dict[str, Any]:
+    """What the YAML file of a class holds. Raises ValueError for an unknown class."""
     if class_name not in CLASSES:
         raise ValueError(f"unknown procedural class {class_name!r}: choose from {', '.join(CLASSES)}")
     return read_yaml(Path(__file__).with_name(f"{class_name}.yaml"))

@@ -84,7 +84,7 @@ def barrels(p: SimpleNamespace) -> list[Manifold]:
 
 
 def muzzle(p: SimpleNamespace, rng: np.random.Generator) -> list[Manifold]:
-    """At the end of the barrel: a flash hider, a brake with ports, or a suppressor."""
+    """The end of the barrel: a flash hider, a brake with ports, or a suppressor."""
     size, end, radius = p.muzzle_size, p.receiver + p.barrel, p.slim * p.bore
     tools = [rod((0, end, 0), (0, end + 0.4, 0), 0.55 * radius, segments=20)]
     if p.muzzle == "hider":
@@ -177,7 +177,7 @@ def stock(p: SimpleNamespace) -> list[Manifold]:
 
 
 def forend(p: SimpleNamespace) -> list[Manifold]:
-    """Round the barrel, before the receiver."""
+    """The fore-end round the barrel, before the receiver."""
     start, size = p.receiver - 0.005, max(p.forend_size, 1.25 * p.bore)
     end = p.receiver + p.forend_length * p.barrel
     drop = 2.1 * p.bore if p.second in ("tube", "over") else 0
@@ -214,7 +214,7 @@ def forend(p: SimpleNamespace) -> list[Manifold]:
 
 
 def magazine(p: SimpleNamespace) -> Manifold:
-    """Below the receiver: straight, bent forwards, or round."""
+    """The magazine below the receiver: straight, bent forwards, or round."""
     length, depth, z = p.magazine_length, p.magazine_depth, 0.015 - p.low
     y = -0.3 * p.stock_length if p.bullpup == "yes" else 0.075 + 0.6 * depth + (p.magazine_place - 0.5) * p.receiver
     s = np.linspace(0, 1, 14)
@@ -237,7 +237,7 @@ def magazine(p: SimpleNamespace) -> Manifold:
 
 
 def sight(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
-    """Above the receiver: two irons, a telescope, a dot sight, a carrying handle, or nothing."""
+    """The sight above the receiver: two irons, a telescope, a dot sight, a carrying handle, or nothing."""
     size, y, top = p.sight_size, p.sight_place * p.receiver, 0.7 * p.high
     if p.sight == "none":
         return []

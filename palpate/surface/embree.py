@@ -59,5 +59,6 @@ class RayMesh:
         return self._query(origins, directions, reach, "OCCLUDED") != -1
 
     def _query(self, origins: np.ndarray, directions: np.ndarray, reach: float | None, query: str) -> np.ndarray:
+        """What Embree answers to a query for each ray: the face that it meets, -1 for none."""
         origins = np.subtract(origins, self._centre).astype(np.float32)
         return self._scene.run(origins, np.asarray(directions, dtype=np.float32), dists=reach, query=query)

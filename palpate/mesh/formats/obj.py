@@ -129,6 +129,7 @@ def _statements(
 
 
 def _error(number: int, line: bytes, problem: object) -> ValueError:
+    """The error about a line, by its number from 0."""
     return ValueError(f"line {number + 1}, {' '.join(text(line).split())[:80]!r}: {problem}")
 
 
