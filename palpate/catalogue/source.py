@@ -3,7 +3,7 @@
 import re
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,11 +76,9 @@ class Source:
     def from_config(cls, config: Mapping[str, Any], project: Path | str) -> "Source":
         """The source of a checked config, with absolute paths: relative ones are the project's.
 
-        Procedural objects are made in the run's folder. Keys of version 0.3 that are gone do not count. Raises
-        ConfigError as `absolute` does.
+        Procedural objects are made in the run's folder. Raises ConfigError as `absolute` does.
         """
-        keys = {field.name for field in fields(cls)}
-        section = {key: value for key, value in config["source"].items() if key in keys}
+        section = dict(config["source"])
         made_in = Path(absolute(config["results"], project), config["run"], "sources")
         section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None

@@ -29,13 +29,7 @@ COARSEST = 1e-4
 
 
 def build(
-    source: Path,
-    folder: Path,
-    up: str,
-    collision_faces: int,
-    scale: str | float = "diagonal",
-    root: Path | str | None = None,
-    turn: float = 0.0,
+    source: Path, folder: Path, up: str, collision_faces: int, scale: str | float, root: Path | str | None, turn: float
 ) -> dict[str, Any]:
     """Make the mesh files of an object as `palpate.mesh.prepare` does, in this process."""
     (parts, unit), problems = load(source, root)

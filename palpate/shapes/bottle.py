@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.random import Generator
 from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
@@ -36,7 +37,7 @@ PAPER = 0.0005  # m that a label stands off the body
 PARAMETERS, STYLES = read("bottle", form(twist=8, warp=0.02, lean=0.05))
 
 
-def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """Body, top, handle and label by the parameters."""
     profile, section = outline(p)
     body = upright(profile, section)
@@ -146,7 +147,7 @@ def screw_cap(radius: float, low: float, height: float, taper: float) -> Manifol
     return upright(profile, fluted(0.05, 36, 288))
 
 
-def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float) -> list[Part]:
+def top(p: SimpleNamespace, rng: Generator, neck: float, radius: float) -> list[Part]:
     """What closes the mouth, at the bottle's height."""
     # A cap stays narrower than the body, and a spout short enough that the bottle stands and is taller than wide.
     h, wide, tall = p.height, min(p.top_width * neck, 1.1 * radius), min(p.top_height * neck, 1.2 * radius)
@@ -207,13 +208,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
 
 
 def trigger_head(
-    p: SimpleNamespace,
-    rng: np.random.Generator,
-    neck: float,
-    reach: float,
-    end: float,
-    collar: Manifold,
-    look: Material,
+    p: SimpleNamespace, rng: Generator, neck: float, reach: float, end: float, collar: Manifold, look: Material
 ) -> list[Part]:
     """A sprayer's head with nozzle and trigger, pointing to +y but for `top_turn`."""
     rise, slope = rng.uniform(0.5, 1.6) * neck, rng.uniform(-0.2, 0.3) * neck

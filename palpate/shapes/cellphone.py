@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from palpate.camera import rotation_about
@@ -21,12 +22,13 @@ from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, 
 AXES = (2, 0)
 GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
+Size = tuple[float, float, float]  # thickness, width and height, m
 PROUD = 0.0002  # m that glass and keys stand off the shell
 
 PARAMETERS, STYLES = read("cellphone", form(stretch=0.12, taper=0.03, bend=9, warp=0.012, twist=2))
 
 
-def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """One panel, or two and what joins them."""
     height, width, thickness = p.height, p.width * p.height, p.thickness * p.height
     look = choose(rng, "shell", metallic=rng.choice([0.0, 0.0, 0.6]), roughness=rng.uniform(0.25, 0.5))
@@ -82,13 +84,7 @@ def moved(parts: list[Part], rotation: np.ndarray, shift: ArrayLike) -> list[Par
 
 
 def front(
-    p: SimpleNamespace,
-    rng: np.random.Generator,
-    size: tuple[float, float, float],
-    look: Material,
-    screen: bool,
-    keys: bool,
-    glass: str = "black-glass",
+    p: SimpleNamespace, rng: Generator, size: Size, look: Material, screen: bool, keys: bool, glass: str = "black-glass"
 ) -> list[Part]:
     """A panel of size (thickness, width, height) around the origin, with a screen or keys or both on its +x face."""
     thickness, width, height = size
@@ -177,7 +173,7 @@ def navigation(p: SimpleNamespace, face: float, z: float, width: float, tall: fl
     return [*pad, *(plate(face, s * 0.36 * width, z, 0.22 * width, radius, 0.3 * radius, p.key_out) for s in (-1, 1))]
 
 
-def back(p: SimpleNamespace, rng: np.random.Generator, thickness: float, width: float, height: float) -> list[Part]:
+def back(p: SimpleNamespace, rng: Generator, thickness: float, width: float, height: float) -> list[Part]:
     """Camera and battery on a panel's -x face."""
     face, lens, rise = -thickness / 2, p.lens * width, p.rise * width
     parts = []
@@ -212,7 +208,7 @@ def back(p: SimpleNamespace, rng: np.random.Generator, thickness: float, width: 
     return [*parts, Part(union(lenses), LENS)]
 
 
-def trim(p: SimpleNamespace, rng: np.random.Generator, size: tuple[float, float, float], look: Material) -> list[Part]:
+def trim(p: SimpleNamespace, rng: Generator, size: Size, look: Material) -> list[Part]:
     """Side buttons, antenna and bumpers of a panel."""
     thickness, width, height = size
     share, tall = rng.uniform(-0.1, 0.35, 3) * height, rng.uniform(0.05, 0.13, 3) * height

@@ -14,12 +14,7 @@ WAVES, PERIODS = 4, 0.8
 
 
 def form(
-    stretch: float = 0.0,
-    taper: float = 0.0,
-    twist: float = 0.0,
-    warp: float = 0.0,
-    bend: float = 0.0,
-    lean: float = 0.0,
+    stretch: float = 0, taper: float = 0, twist: float = 0, warp: float = 0, bend: float = 0, lean: float = 0
 ) -> dict[str, Range]:
     """The group of parameters that `deformed` takes, each between minus and plus its bound (warp: 0 and its bound)."""
     meaning = "{} changes of scale along the axis, densest to widest, around 1"

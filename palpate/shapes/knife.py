@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
@@ -28,7 +29,7 @@ Line = Callable[[ArrayLike], np.ndarray]  # heights z at shares of a length
 PARAMETERS, STYLES = read("knife", form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04))
 
 
-def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """Blade, handle, guard and pommel by the parameters."""
     tall, wide = p.tall * p.grip, p.wide * p.tall * p.grip
     cutting = blade(p)
@@ -148,7 +149,7 @@ def guard(p: SimpleNamespace, tall: float, wide: float, centre: Line) -> list[Ma
     return [bar, bent_bar(path, 0.03, 0.7 * wide, 0.35 * thick, 2.5, 28)]
 
 
-def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: float, centre: Line) -> list[Manifold]:
+def pommel(p: SimpleNamespace, rng: Generator, tall: float, wide: float, centre: Line) -> list[Manifold]:
     """What is at the end of the handle."""
     size, end = p.pommel_size * tall / 2, float(centre(1))
     if p.pommel == "none" or (p.pommel == "tool" and p.fold == 0):

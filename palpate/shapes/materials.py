@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.random import Generator
 from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.material import PBRMaterial
 
@@ -40,7 +41,7 @@ class Material:
 
 
 def choose(
-    rng: np.random.Generator,
+    rng: Generator,
     palette: str,
     names: Sequence[str] = (),
     metallic: float | None = None,
@@ -59,7 +60,7 @@ def choose(
     return grained(material, rng) if palette == "wood" else material
 
 
-def grained(base: Material, rng: np.random.Generator) -> Material:
+def grained(base: Material, rng: Generator) -> Material:
     """A material with the grain of wood as its picture, along the picture's width."""
     height, width = 96, 384
     v, u = np.mgrid[0:height, 0:width] / [[[height]], [[width]]]
@@ -78,7 +79,7 @@ BRANDS = ("AURELIA", "Northfell", "Casa Luma", "BRIO", "Old Mill", "Verde", "KEL
 GOODS = ("finest quality", "No. 7", "since 1894", "500 ml", "natural", "extra dry", "pure spring", "home made")
 
 
-def label(rng: np.random.Generator) -> Material:
+def label(rng: Generator) -> Material:
     """A printed label: ground, frame, emblem, two lines of text."""
     width, height = 320, 200
     paper = [(238, 232, 214), (246, 246, 244), (30, 40, 60), (150, 24, 30), (24, 92, 60), (230, 190, 60)]
@@ -104,7 +105,7 @@ def label(rng: np.random.Generator) -> Material:
     return Material("label", ground, 0.0, 0.6, picture)
 
 
-def interface(rng: np.random.Generator, aspect: float, old: bool = False) -> Material:
+def interface(rng: Generator, aspect: float, old: bool = False) -> Material:
     """A lit phone screen; aspect = height / width. `old`: a small, flat-coloured menu of a feature phone."""
     width = 180
     height = int(width * aspect)

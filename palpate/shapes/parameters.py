@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-import numpy as np
+from numpy.random import Generator
 
 from palpate.batch import generator
 from palpate.configuration import read_yaml
@@ -65,7 +65,7 @@ def style(class_name: str, index: int, seed: int = 0) -> str:
     return style_and_rng(class_name, index, seed)[0]
 
 
-def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, np.random.Generator]:
+def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, Generator]:
     """The style of an object, and what draws the rest of it."""
     names = styles(class_name)
     if index < 0:
@@ -74,7 +74,7 @@ def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, np.rando
     return names[rng.integers(len(names))], rng
 
 
-def draw(rng: np.random.Generator, style: str, parameters: Parameters, styles: Styles) -> SimpleNamespace:
+def draw(rng: Generator, style: str, parameters: Parameters, styles: Styles) -> SimpleNamespace:
     """A value of each parameter, as attributes.
 
     The first group is always drawn as in `style`; each other group is drawn as in a style that is chosen at random with

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from palpate.shapes.assembly import Part
@@ -24,7 +25,7 @@ GLASS = Material("optic-glass", (60, 90, 140), 0.3, 0.05)
 PARAMETERS, STYLES = read("rifle", form(stretch=0.15))
 
 
-def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """All parts by the parameters, in one frame."""
     wooden = p.wood == "yes" and p.stock not in ("skeleton", "carbine")
     furniture, dark = choose(rng, "wood" if wooden else "polymer"), choose(rng, "dark metal")
@@ -83,7 +84,7 @@ def barrels(p: SimpleNamespace) -> list[Manifold]:
     return [tube.translate(shift), tube.translate(tuple(-c for c in shift)), rib]
 
 
-def muzzle(p: SimpleNamespace, rng: np.random.Generator) -> list[Manifold]:
+def muzzle(p: SimpleNamespace, rng: Generator) -> list[Manifold]:
     """The end of the barrel: a flash hider, a brake with ports, or a suppressor."""
     size, end, radius = p.muzzle_size, p.receiver + p.barrel, p.slim * p.bore
     tools = [rod((0, end, 0), (0, end + 0.4, 0), 0.55 * radius, segments=20)]
@@ -236,7 +237,7 @@ def magazine(p: SimpleNamespace) -> Manifold:
     return body + sweep(foot, superellipse(0.029, depth + 0.006, 6, 32))
 
 
-def sight(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def sight(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """The sight above the receiver: two irons, a telescope, a dot sight, a carrying handle, or nothing."""
     size, y, top = p.sight_size, p.sight_place * p.receiver, 0.7 * p.high
     if p.sight == "none":

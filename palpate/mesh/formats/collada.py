@@ -19,6 +19,7 @@ from palpate.mesh.part import GREY, Loaded, make_part, plain
 from palpate.mesh.polygons import strip_triangles, triangulate, with_holes
 
 Element = Any  # of lxml, which states no types
+Look = tuple[PBRMaterial | None, str | None]  # a material, and a set or a name of texture coordinates
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 # What a parameter of an effect stands for.
 PARAMETER = "string(sampler2D/source | sampler2D/instance_image/@url | surface/init_from | float4 | float3)"
@@ -95,7 +96,7 @@ class _Document:
         for primitive in geometry.iterfind("mesh/*[input]"):
             if primitive.tag in SURFACES:
                 look = self._material(primitive.get("material"), bound.get(primitive.get("material")))
-                yield self._part(primitive, positions, frame, *look, geometry.get("id") or "geometry")
+                yield self._part(primitive, positions, frame, look, geometry.get("id") or "geometry")
 
     def _values(self, named: Element) -> Any:
         """Rows of the numbers, or the names, of a source that an <input> names, of its columns that have a name."""
@@ -113,16 +114,9 @@ class _Document:
             self.rows[source] = rows[:, columns] if len(columns) > 1 else rows
         return self.rows[source]
 
-    def _part(
-        self,
-        primitive: Element,
-        positions: np.ndarray,
-        frame: np.ndarray,
-        material: PBRMaterial | None,
-        texcoord_set: str | None,
-        name: str,
-    ) -> Trimesh:
+    def _part(self, primitive: Element, positions: np.ndarray, frame: np.ndarray, look: Look, name: str) -> Trimesh:
         """The triangles of one primitive, with its material."""
+        material, texcoord_set = look
         inputs = {}  # offset of its indices and <input>, by semantic
         for entry in primitive.iterfind("input"):
             of_vertex = entry.get("semantic") == "VERTEX"
@@ -197,7 +191,7 @@ class _Document:
         moved = np.einsum("nij,nj->ni", blend, np.c_[positions, np.ones(len(positions))])
         return moved[:, :3] / moved[:, 3:], np.eye(4)
 
-    def _material(self, symbol: str | None, bound: Element | None) -> tuple[PBRMaterial | None, str | None]:
+    def _material(self, symbol: str | None, bound: Element | None) -> Look:
         """The material of a symbol of a geometry, None without one, and the set of texture coordinates it names."""
         name = symbol if bound is None else bound.get("target")
         if name is None:
