@@ -142,7 +142,7 @@ def cameras(settings: Mapping[str, Any]) -> list[Camera]:
     size = settings["size"]
     if settings["cameras"] is None:
         return [paper_camera(size)]
-    return [_camera(f"config vision.cameras.{number}", own, size) for number, own in enumerate(settings["cameras"])]
+    return [_camera(f"config vision.cameras.{number}", keys, size) for number, keys in enumerate(settings["cameras"])]
 
 
 def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
@@ -179,21 +179,21 @@ def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
     if settings["lights"] is None:
         return LIGHTS
     listed = []
-    for number, own in enumerate(settings["lights"]):
-        where, kind = f"config vision.lights.{number}", own["kind"]
+    for number, given in enumerate(settings["lights"]):
+        where, kind = f"config vision.lights.{number}", given["kind"]
         keys = LIGHT_KEYS[kind]
-        if unknown := sorted(set(own) - {"kind", "energy", "colour", *keys}):
+        if unknown := sorted(set(given) - {"kind", "energy", "colour", *keys}):
             raise ConfigError(f"{where}: light of kind {kind} has no {', '.join(unknown)}")
-        if "position" in keys and "position" not in own:
+        if "position" in keys and "position" not in given:
             raise ConfigError(f"{where}: light of kind {kind} needs a position")
-        if kind == "area" and not own.get("size"):
+        if kind == "area" and not given.get("size"):
             raise ConfigError(f"{where}: light of kind area needs a size above 0, its side in m")
-        target = own.get("target", OBJECT_POSITION)
+        target = given.get("target", OBJECT_POSITION)
         attributes: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in own.items()
+            key: tuple(value) if isinstance(value, list) else value for key, value in given.items()
         }
         if "position" in keys:
-            attributes["position"] = _place(own["position"], target)
+            attributes["position"] = _place(given["position"], target)
         if "target" in keys and np.array_equal(attributes["position"], target):
             raise ConfigError(f"{where}: its position is its target: no direction to shine in")
         listed.append(Light(**attributes))

@@ -401,8 +401,8 @@ def _procedural(source: Source, name: str, count: Count) -> list[SourceObject]:
         raise CatalogueError(f"class {name}: procedural objects have no end: ask for a number, not for `all`")
     names = [f"{name}-{index:04d}" for index in range(count)]
     return [
-        SourceObject(own, name, f"{name}/{own}{shapes.suffix(index)}", source.up, source.scale)
-        for index, own in enumerate(names)
+        SourceObject(object_name, name, f"{name}/{object_name}{shapes.suffix(index)}", source.up, source.scale)
+        for index, object_name in enumerate(names)
     ]
 
 

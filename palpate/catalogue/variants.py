@@ -79,7 +79,7 @@ def is_collision(path: str) -> bool:
 def of_one_object(paths: Sequence[str]) -> Iterable[list[int]]:
     """Positions of the paths, without suffixes, of each object, the best of `WORDS` first."""
     variants = [variant(path) for path in paths]
-    sure = {own.object for own in variants if own.sure}
+    sure = {of_path.object for of_path in variants if of_path.sure}
     groups, in_folder = defaultdict(list), defaultdict(set)
     for position, (key, _, _) in enumerate(variants):
         key = key if key in sure or not key[-1] else tuple(paths[position].split("/"))

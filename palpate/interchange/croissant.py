@@ -45,7 +45,7 @@ def write_croissant(path: Path, contents: Contents, manifest: Manifest) -> None:
     """Write the description of an export whose files are in `manifest`, without a date."""
     top = [name for name in manifest if "/" not in name and Path(name).suffix in FILES]
     files = [_file(name, *manifest[name]) for name in top]
-    files += [_set(name, *of_set) for name, of_set in SETS.items() if fnmatch.filter(manifest, of_set[1])]
+    files += [_set(name, media, names) for name, (media, names) in SETS.items() if fnmatch.filter(manifest, names)]
     sets = [_table(path.parent / name, key) for name, key in KEYS.items() if name in manifest]
     files_of_arrays, sets_of_arrays = _arrays(contents, [name for name in top if name.endswith(".tar")])
     dataset, licence = contents.dataset, licence_url(contents.licence) or contents.licence
