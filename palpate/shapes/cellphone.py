@@ -23,7 +23,7 @@ AXES = (2, 0)
 GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
 Size = tuple[float, float, float]  # thickness, width and height, m
-PROUD = 0.0002  # m that glass and keys stand off the shell
+PROUD, DEEP = 0.0002, 0.0012  # m that glass and keys stand off the shell, and are let into it
 
 PARAMETERS, STYLES = read("cellphone", form(stretch=0.12, taper=0.03, bend=9, warp=0.012, twist=2))
 
@@ -137,18 +137,11 @@ def disc(x: float, y: float, z: float, radius: float, towards: float, height: fl
 
 
 def plate(
-    x: float,
-    y: float,
-    z: float,
-    width: float,
-    height: float,
-    corner: float = 0.0004,
-    out: float = PROUD,
-    deep: float = 0.0012,
+    x: float, y: float, z: float, width: float, height: float, corner: float = 0.0004, out: float = PROUD
 ) -> Manifold:
     """A rounded plate let into the face at x and standing out by `out`."""
     corner = min(corner, 0.49 * width, 0.49 * height)
-    return slab((deep + out, width, height), corner, min(0.0004, 0.4 * out), (x + (out - deep) / 2, y, z))
+    return slab((DEEP + out, width, height), corner, min(0.0004, 0.4 * out), (x + (out - DEEP) / 2, y, z))
 
 
 def keypad(
