@@ -4,9 +4,9 @@
         /<split>/<object>/<grasp>/<array>.png        what every export has: palpate.interchange.folder
 """
 
+import itertools
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -31,29 +31,22 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
         raise ImportError(f"Parquet needs pyarrow: pip install 'pyarrow<26'; WebDataset does not ({error})") from error
     for split, grasps in splits.items():
         (folder / split).mkdir()
-        writer, path = None, folder / split / "metadata.parquet"
-        rows: list[dict[str, Any]] = []
-        images: dict[str, np.ndarray] = {}
+        path, items = folder / split / "metadata.parquet", with_progress(grasps, split)
+        first, _ = _row(grasps[0], grasps)
+        # Numbers hardly repeat: dictionaries of them take longer, and more bytes.
+        how = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": _bytes_apart(first)}
         running: list[Future[None]] = []
-        with ExitStack() as stack:
-            background = ThreadPoolExecutor(2)  # encodes and compresses while the next rows are read
-            for number, item in enumerate(with_progress(grasps, split), start=1):
-                row, pictures_of_it = _row(item, grasps)
-                rows.append(row)
-                images |= pictures_of_it
-                if len(rows) == ROWS or number == len(grasps):
-                    table = pyarrow.table({name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]})
-                    if writer is None:
-                        # Numbers hardly repeat: dictionaries of them take longer, and more bytes.
-                        how = {"compression": "zstd", "use_dictionary": False}
-                        how["use_byte_stream_split"] = _bytes_apart(rows[0])
-                        writer = stack.enter_context(parquet.ParquetWriter(path, table.schema, **how))
-                        stack.enter_context(background)  # ends before the writer is closed
-                    for task in running:
-                        task.result()
-                    running = [background.submit(writer.write_table, table)]
+        with (
+            parquet.ParquetWriter(path, _table(pyarrow, [first]).schema, **how) as writer,
+            ThreadPoolExecutor(2) as background,  # encodes and compresses while the next rows are read
+        ):
+            while batch := [_row(item, grasps) for item in itertools.islice(items, ROWS)]:
+                table = _table(pyarrow, [row for row, _ in batch])
+                for task in running:
+                    task.result()
+                running = [background.submit(writer.write_table, table)]
+                for _, images in batch:
                     running += [background.submit(_write_png, folder / split / name, images[name]) for name in images]
-                    rows, images = [], {}
             for task in running:
                 task.result()
 
@@ -87,6 +80,11 @@ def _bytes_apart(row: dict[str, Any]) -> list[str]:
     the second (BYTE_STREAM_SPLIT): they take a third less. Single numbers stay as every reader has them."""
     arrays = {name: value for name, value in row.items() if isinstance(value, np.ndarray) and value.ndim}
     return [name + ".list.element" * array.ndim for name, array in arrays.items() if array.dtype in ("f4", "f8")]
+
+
+def _table(pyarrow: Any, rows: list[dict[str, Any]]) -> Any:
+    """Rows as a table of pyarrow."""
+    return pyarrow.table({name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]})
 
 
 def _column(pyarrow: Any, values: list[Any]) -> Any:
