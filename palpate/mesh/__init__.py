@@ -6,7 +6,7 @@ Importing this package loads no engine: its constants and the paths of mesh file
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -123,6 +123,9 @@ class Geometry(NamedTuple):
 
     vertices: np.ndarray  # (n, 3) float64
     faces: np.ndarray  # (f, 3) int64
+
+
+Mesh: TypeAlias = "Geometry | trimesh.Trimesh"  # what has vertices (n, 3) and faces (f, 3)
 
 
 def load_geometry(folder: Path | str) -> Geometry:

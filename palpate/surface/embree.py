@@ -3,16 +3,11 @@
 trimesh's wrapper copies, scales and normalises every ray, which costs more than tracing the rays of a sensor.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from palpate.mesh import Geometry
-
-if TYPE_CHECKING:
-    from trimesh import Trimesh
+from palpate.mesh import Mesh
 
 
 class RayMesh:
@@ -24,8 +19,8 @@ class RayMesh:
     the box around them.
     """
 
-    def __init__(self, mesh: "Geometry | Trimesh"):
-        """mesh: anything with `vertices` and `faces`. Raises ValueError if none of its faces has an area."""
+    def __init__(self, mesh: Mesh):
+        """Raises ValueError if none of the mesh's faces has an area."""
         vertices = np.asarray(mesh.vertices, dtype=np.float64)
         triangles = vertices[np.asarray(mesh.faces).reshape(-1, 3)]
         with np.errstate(invalid="ignore"):

@@ -1,14 +1,9 @@
 """Exterior points by an exact visibility test: can a straight line leave from the point to infinity?"""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from palpate.mesh import Geometry
+from palpate.mesh import Mesh
 from palpate.surface.embree import RayMesh
-
-if TYPE_CHECKING:
-    from trimesh import Trimesh
 
 # Evenly over the sphere. More directions find points that see out through narrower openings (docs/surface.md).
 DIRECTIONS = 64
@@ -27,9 +22,7 @@ def fibonacci_sphere(count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
 
-def sample(
-    mesh: "Geometry | Trimesh", count: int, rng: np.random.Generator, directions: int = DIRECTIONS
-) -> np.ndarray:
+def sample(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
     """Points (count, 3) float64, in the mesh's frame and in random order, uniform by area on its exterior surface.
 
     Exterior is what a straight line reaches from outside, through openings too; the mesh may be open, non-manifold or
