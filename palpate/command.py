@@ -11,10 +11,9 @@ palpate export results/mine shared      the run as WebDataset, or as Parquet and
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-
-import yaml
+from typing import Any, NamedTuple
 
 import palpate
 
@@ -30,15 +29,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--version", action="version", version=f"palpate {palpate.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
-    table = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
-    for name, command in table.items():
-        own = commands.add_parser(name, help=command["help"], description=f"{command['help'].capitalize()}.")
-        for argument, options in command["arguments"].items():
-            types = {"type": TYPES[options["type"]]} if "type" in options else {}
-            own.add_argument(argument, **options | types)
+    for name, command in COMMANDS.items():
+        own = commands.add_parser(name, help=command.help, description=f"{command.help.capitalize()}.")
+        if name != "check":
+            own.add_argument("run", type=Path, help="the run's folder, for example results/default")
+        for argument, options in command.arguments.items():
+            own.add_argument(argument, **options)
     args = parser.parse_args(arguments)
     try:
-        status = COMMANDS[args.command](args)
+        status = COMMANDS[args.command].run(args)
         sys.stdout.flush()
         return status
     except BrokenPipeError:  # what reads the output has ended, as `head` does
@@ -120,7 +119,7 @@ def reconstruct(args: argparse.Namespace) -> int:
 
 
 def validate(args: argparse.Namespace) -> int:
-    """Check a run, and print a report; 1 if a check failed. Values that a report is about are not read again."""
+    """Check a run, and print what was found; 1 if a check failed. Values that a report is about are not read again."""
     from palpate.dataset import validation
     from palpate.dataset.run import Run
 
@@ -152,8 +151,63 @@ def export(args: argparse.Namespace) -> int:
     return 0
 
 
-COMMANDS = {function.__name__: function for function in (check, view, reconstruct, validate, info, export)}
-TYPES = {"path": Path, "int": int}
+class Command(NamedTuple):
+    """A command: what runs it, its help, and its arguments as `add_argument` takes them."""
+
+    run: Callable[[argparse.Namespace], int]
+    help: str
+    arguments: Mapping[str, Mapping[str, Any]]
+
+
+OBJECT = {"help": "its name in catalogue.csv, for example bottle-0011"}
+MODEL = {
+    "--seed": {"type": int, "help": "of the trained model (default: the first there is)"},
+    "--device": {"default": "cpu", "help": "of torch (default: cpu)"},
+}
+COMMANDS = {
+    "check": Command(check, "check a config and its meshes before a run, and draw the hand and one object", {
+        "config": {"type": Path, "nargs": "*", "help": "overlays, as --configfile takes them (default: none)"},
+        "--object": {"help": "taken through every stage (default: one that is soon done)"},
+        "--output": {"type": Path, "metavar": "PNG", "help": "the picture (default: results/<run>/check.png)"},
+    }),
+    "view": Command(view, "write pages that show objects, hands, touches and predictions", {
+        "object": {"nargs": "?", "help": "its name in catalogue.csv (default: the page of the whole run)"},
+        "--grasps": {"type": int, "nargs": "+", "metavar": "G", "help": "numbers of the grasps shown (default: all)"},
+        "--model": {"metavar": "EXPERIMENT", "help": "show its predictions too: charts_occluded_touch, ..."},
+        **MODEL,
+        "--all": {"action": "store_true", "help": "write the page of every object, and that of the run"},
+        "--output": {
+            "type": Path, "metavar": "FOLDER", "help": "for pages (default: <run>/viewer, <run>/index.html)"
+        },
+    }),
+    "reconstruct": Command(reconstruct, "reconstruct an object of a run with one of the run's models", {
+        "experiment": {"help": "of config/experiments.yaml, for example charts_occluded_touch"},
+        "object": OBJECT,
+        "--grasp": {
+            "type": int, "nargs": "+", "metavar": "G", "help": "numbers of the grasps (default: the first ones)"
+        },
+        "--view": {"type": int, "default": 0, "help": "number of the view, or of the camera (default: 0)"},
+        **MODEL,
+        "--output": {"type": Path, "required": True, "help": "mesh file; its suffix says the format, as .ply"},
+    }),
+    "validate": Command(validate, "check every file and array of a run", {
+        "--sources": {
+            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them (default: of its config)"
+        },
+    }),
+    "info": Command(info, "print what a run holds", {}),
+    "export": Command(export, "write a run in another layout, with a data card", {
+        "output": {"type": Path, "help": "a new folder"},
+        "--format": {
+            "choices": ("webdataset", "parquet", "zarr"),
+            "default": "webdataset",
+            "help": "tar shards; Parquet and images, for load_dataset of Hugging Face; Zarr, for xarray",
+        },
+        "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
+        "--license": {"default": "unknown", "help": "of the data, by its SPDX name, as CC-BY-4.0 (https://spdx.org/licenses)"},
+        "--source": {"default": "", "help": "where the meshes are from and on what terms, for the data card"},
+    }),
+}  # fmt: skip
 
 
 if __name__ == "__main__":
