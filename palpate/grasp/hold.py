@@ -39,7 +39,7 @@ def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
     """
     solid = bool(mesh.is_volume)
     volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(surface_patches(mesh)))
-    return Body(density * volume.volume, volume.center_mass, density * volume.moment_inertia, solid)
+    return Body(float(density * volume.volume), volume.center_mass, density * volume.moment_inertia, solid)
 
 
 class HoldSimulation(GraspSimulation):
@@ -138,6 +138,6 @@ def hold_grasps(
         "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
         "held_along": held,
         "moved": np.where(simulated, moved, np.inf),
-        "mass": np.float64(simulation.model.body("object").mass[0]),
-        "solid": np.bool_(body.solid),
+        "mass": np.array(simulation.model.body("object").mass[0]),
+        "solid": np.array(body.solid),
     }

@@ -34,7 +34,7 @@ def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL, thickness: float 
     points, owner = distinct_corners(triangles, group)
     # The mean over the area: many small triangles on an edge don't turn it.
     outwards = np.column_stack([np.bincount(group, weights=areas[:, axis]) for axis in range(3)])
-    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    outwards = outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
     bounds = np.flatnonzero(np.diff(owner)) + 1
     outer, inner = np.split(points, bounds), np.split(points - thickness * outwards[owner], bounds)
     return [np.concatenate(pair) for pair in zip(outer, inner, strict=True)]

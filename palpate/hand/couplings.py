@@ -113,7 +113,8 @@ class Couplings:
         slopes = self._violated(self.reference)[1][:, others]
         if len(moments) > 1 and np.linalg.matrix_rank(slopes, 1e-6) < len(others):
             raise ValueError(f"{what} needs the servos of {len(moments)} actuators, and gets one: {REMEDY}")
-        grid = np.linspace(*self.range[driver], SAMPLES)
+        low, high = self.range[driver]
+        grid = np.linspace(low, high, SAMPLES)
         start, solved = int(np.abs(grid - self.reference[driver]).argmin()), np.zeros((SAMPLES, len(self.joints)))
         for numbers in (range(start, SAMPLES), range(start, -1, -1)):
             at = self.reference.copy()
@@ -167,8 +168,10 @@ class Couplings:
         return np.array([np.abs(self._violated(at)[0]).max() for at in positions])
 
     def _equality(self, number: int) -> str:
+        """An equality as messages call it: its kind, and its name or number."""
         kind = mujoco.mjtEq(self.model.eq_type[number]).name.removeprefix("mjEQ_").lower()
         return f"equality/{kind} {self.model.eq(number).name or number}"
 
-    def _names(self, joints) -> str:
+    def _names(self, joints: np.ndarray | list[int]) -> str:
+        """Names of some of the joints, by their numbers among the hand's."""
         return ", ".join(repr(self.model.joint(joint).name) for joint in self.joints[joints])
