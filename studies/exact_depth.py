@@ -37,7 +37,7 @@ def exact_depth(
         covered = np.ones(u.shape, dtype=bool)
         for share, edge in ((u, ac[f]), (v, ab[f]), (1 - u - v, (ac - ab)[f])):
             covered &= share >= -WIDTH * np.linalg.norm(edge[:, 1:], axis=1) / np.abs(twice[f])
-        found = a[f, 0] + np.clip(u, 0, 1) * ab[f, 0] + np.clip(v, 0, 1) * ac[f, 0]
-        covered &= (found >= low) & (found <= high)
-        depth[column] = np.where(covered, found, np.inf).min(axis=1, initial=np.inf)
+        met = a[f, 0] + np.clip(u, 0, 1) * ab[f, 0] + np.clip(v, 0, 1) * ac[f, 0]
+        covered &= (met >= low) & (met <= high)
+        depth[column] = np.where(covered, met, np.inf).min(axis=1, initial=np.inf)
     return depth

@@ -31,9 +31,9 @@ def distances(one: Surface, other: Surface) -> tuple[float, float]:
     largest = max(spread.max(), corners.max())
     triangles = one.vertices[one.faces[np.argsort(-corners.sum(axis=1), kind="stable")[:FIRST]]]
     for _ in range(ROUNDS):
-        found, _ = other.closest(triangles.mean(axis=1))
-        largest = max(largest, found.max())
-        points = triangles[np.argsort(-found, kind="stable")[:BEAM]].reshape(-1, 3)
+        away, _ = other.closest(triangles.mean(axis=1))
+        largest = max(largest, away.max())
+        points = triangles[np.argsort(-away, kind="stable")[:BEAM]].reshape(-1, 3)
         points, faces = subdivide(points, np.arange(len(points)).reshape(-1, 3))
         triangles = points[faces]
     return float(spread.mean()), float(largest)

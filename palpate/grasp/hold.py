@@ -61,9 +61,9 @@ class HoldSimulation(GraspSimulation):
         self.body, self.friction = body, friction
         super().__init__(hand, patches, timestep, stiffness=stiffness)
 
-    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
-        """As `GraspSimulation.specification`."""
-        spec = super().specification(hand, patches, timestep, stiffness)
+    def specification(self) -> mujoco.MjSpec:
+        """Hand and object as for a closing, with the object's weight and friction."""
+        spec = super().specification()
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.compiler.balanceinertia = True  # of a thin plate, the sum of two moments may miss the third by rounding
         for geom in spec.geoms:

@@ -257,6 +257,7 @@ class Renderer:
         return points
 
     def _read_file(self, path: Path) -> None:
+        """Import a glTF file into Blender, without materials that nothing uses."""
         bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=False)
 
     def _pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
@@ -319,6 +320,7 @@ class Renderer:
         return self._render(1, POINT_FILTER)
 
     def _render(self, samples: int, filter_width: float) -> Layers:
+        """Render with a number of samples a pixel and a width (pixels) of the pixel filter; OSError without space."""
         scene = self._scene
         scene.cycles.samples = samples
         scene.cycles.filter_width = filter_width
@@ -405,6 +407,7 @@ def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], tur
 
 
 def _matrix(pose: np.ndarray) -> Matrix:
+    """A pose (4, 4) as Blender has it."""
     return Matrix(pose.tolist())
 
 

@@ -75,5 +75,5 @@ def render(renderer: "Renderer", scene: "Scene", at: Iterable[Viewpoint], size: 
     return Views(
         image=np.stack([image.rgb for image in images]),
         mask=np.stack([image.mask for image in images]),
-        camera=np.stack([each.matrix() for each in cameras]),
+        camera=np.stack([camera.matrix() for camera in cameras]),
     )

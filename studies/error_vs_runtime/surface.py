@@ -60,15 +60,18 @@ class Surface(Study):
     objects = 2
 
     def cases(self) -> Iterable[tuple[str, Case]]:
+        """Two shapes whose exterior is known, and the run's objects."""
         yield "overlapping spheres", overlapping_spheres()
         yield "cup 4 radii deep", cup(4)
         for subject in self.subjects:
             yield subject.name, traced_case(load_visual(subject.folder))
 
     def methods(self) -> list[Method]:
+        """Several numbers of directions."""
         return variants("rays", "directions", COUNTS, lambda n: partial(self._rays, n), DIRECTIONS)
 
     def errors(self, case: Case, result: Sampled) -> dict[str, float]:
+        """Misclassified area, and the Chamfer distance to points of the exterior."""
         exact = case.points[case.exterior]
         to_sampled, to_exterior = cKDTree(result.points).query(exact)[0], cKDTree(exact).query(result.points)[0]
         return {

@@ -49,6 +49,7 @@ def prepare_mesh(mesh: trimesh.Trimesh, **options) -> PreparedMesh:
 
 
 def soup(vertices, faces) -> trimesh.Trimesh:
+    """A mesh of triangles as they are: nothing is merged."""
     return trimesh.Trimesh(np.asarray(vertices, dtype=float), np.asarray(faces), process=False, validate=False)
 
 

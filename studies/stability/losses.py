@@ -132,6 +132,7 @@ class PerturbedLearner(ReconstructionLearner):
         self.change, self.at = change, step
 
     def losses(self, batch_samples, generator, validation=False):
+        """As `ReconstructionLearner.losses`, changed in one step of the training."""
         losses = super().losses(batch_samples, generator, validation)
         return self.change(losses) if self.step == self.at and not validation else losses
 
@@ -187,7 +188,7 @@ def nudged(subject: Subject) -> Iterator[Finding]:
         templates(batch | {"charts": batch["charts"] + 1e-6 * torch.randn(batch["charts"].shape, generator=random)})
         for _ in range(6)
     ]
-    most = max(float((each - start).norm(dim=2).max()) for each in moved)
+    most = max(float((vertices - start).norm(dim=2).max()) for vertices in moved)
     yield at_most("vertex moved the most", 1e3 * most, 0.1, "mm")
 
 
@@ -195,15 +196,15 @@ def nudged(subject: Subject) -> Iterator[Finding]:
 def bfloat16(subject: Subject) -> Iterator[Finding]:
     """Autocast, forward and backward, against float32."""
     model, batch, truth = model_and_batch(subject)
-    found = {}
+    results = {}
     for enabled in (False, True):
         model.zero_grad()
         with torch.autocast("cpu", dtype=torch.bfloat16, enabled=enabled):
             vertices = model(batch).float()
         loss = loss_of(model, vertices, truth)
         loss.backward()
-        found[enabled] = vertices.detach(), float(loss.detach()), gradients(model)
-    (baseline, loss, gradient), (half, half_loss, half_gradient) = found[False], found[True]
+        results[enabled] = vertices.detach(), float(loss.detach()), gradients(model)
+    (baseline, loss, gradient), (half, half_loss, half_gradient) = results[False], results[True]
     yield equal("NaN or infinite", count_nonfinite(half, half_gradient), 0)
     moved = 1e3 * float((half - baseline).norm(dim=2).square().mean().sqrt())
     yield at_most("root mean square of vertices moved", moved, 1.0, "mm")

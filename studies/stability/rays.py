@@ -134,14 +134,14 @@ def depths_of(mesh, seeds) -> np.ndarray:
 
 def agrees_with_exact(meshes, seeds=SEEDS, what: str = "") -> Iterator[Finding]:
     """Findings: depth maps of a `RayCaster` agree with `exact_depth`, for meshes (sensor's frame) in all poses."""
-    found, depths = [], []
+    errors, depths = [], []
     for mesh, seed in product(meshes, seeds):
         pose = random_pose(seed)
         placed = in_pose(mesh, pose)
         depths.append(trace_depth(RayCaster(placed), pose))
-        found.append(disagreement(depths[-1], placed.triangles, pose))
-    yield equal(f"flipped pixels{what}", sum(each.flipped for each in found), 0)
-    yield at_most(f"depth off{what}", max(each.millimetres for each in found), ROUNDED, "mm")
+        errors.append(disagreement(depths[-1], placed.triangles, pose))
+    yield equal(f"flipped pixels{what}", sum(error.flipped for error in errors), 0)
+    yield at_most(f"depth off{what}", max(error.millimetres for error in errors), ROUNDED, "mm")
     # So that there is something to compare, and nothing behind the sensor plane is felt.
     yield at_least(f"pixels felt{what}", min(int(np.isfinite(depth).sum()) for depth in depths), 1)
     yield at_least(f"nearest depth{what}", min(float(depth.min()) for depth in depths), 0.0, "m")

@@ -67,8 +67,8 @@ def catch_signals() -> None:
             raise KeyboardInterrupt
 
     if LogHandler.current:
-        for each in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(each, interrupt)
+        for ending in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(ending, interrupt)
         if LogHandler.current.quiet:
             os.environ["TQDM_DISABLE"] = "1"  # the terminal is the run's: jobs write their logs only
 
@@ -99,12 +99,12 @@ def finish(folder: str, object_pages: int) -> None:
     if Path(folder, "catalogue.csv").exists() or (handler and handler.failures):
         _write_page(folder, object_pages, handler)
     places = ("index.html", "tables", "figures", "rejected.csv", "reports")
-    found = [place for place in places if Path(folder, place).exists()]
+    existing = [place for place in places if Path(folder, place).exists()]
     try:
         lines = summary(folder)
     except Exception as error:  # a table that was changed, and what to do
         lines = [one_line_error(error)]
-    for line in [*lines, f"{folder}: {', '.join(found) or 'no table or report yet'}"]:
+    for line in [*lines, f"{folder}: {', '.join(existing) or 'no table or report yet'}"]:
         logger.warning(line)
     if handler and handler.estimate:  # with --quiet Snakemake does not say which jobs there are
         failed = f", {len(handler.failures)} failed" if handler.failures else ""

@@ -33,10 +33,10 @@ with ExitStack() as outputs:
     def render(name: str) -> dict:
         row = grasps["object"].tolist().index(name)
         of_object = {array: grasps[array][row] for array in GRASP_ARRAYS}
-        found = scene.draw(settings, seed, name)
-        drawn[name] = {key: found[key] for key in scene.LOOK if found[key] != settings[key]}
-        look = {"lights": scene.lights(found), "background": scene.background(found)}
-        cameras = scene.cameras(found)
+        look_of_object = scene.draw(settings, seed, name)
+        drawn[name] = {key: look_of_object[key] for key in scene.LOOK if look_of_object[key] != settings[key]}
+        look = {"lights": scene.lights(look_of_object), "background": scene.background(look_of_object)}
+        cameras = scene.cameras(look_of_object)
         pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, of_object, hand, **look), cameras)
         return vision_record(pictures, cameras)
 
