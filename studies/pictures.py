@@ -50,13 +50,13 @@ def normalised(class_name: str, index: int) -> trimesh.Scene:
     return scene
 
 
-def shapes(columns: int = COLUMNS, size: int = CELL) -> Image.Image:
+def shapes() -> Image.Image:
     """The first objects of each procedural class, as the dataset's camera sees them."""
-    renderer, camera, rows = Renderer(threads=2), paper_camera(ENLARGED * size), []
+    renderer, camera, rows = Renderer(threads=2), paper_camera(ENLARGED * CELL), []
     with tempfile.TemporaryDirectory() as folder:
         for class_name in CLASSES:
             images = []
-            for index in range(columns):
+            for index in range(COLUMNS):
                 made = Path(folder) / f"{class_name}-{index:04d}"
                 made.mkdir()
                 scene = normalised(class_name, index)
@@ -64,7 +64,7 @@ def shapes(columns: int = COLUMNS, size: int = CELL) -> Image.Image:
                     scene.apply_transform(np.diag([-1.0, -1.0, 1.0, 1.0]))
                 (made / "visual.glb").write_bytes(scene.export(file_type="glb"))
                 images.append(renderer.render(Scene(made, camera=camera))[0])
-            rows.append(_cut_row(images, size))
+            rows.append(_cut_row(images, CELL))
     return Image.fromarray(np.concatenate(rows))
 
 

@@ -15,7 +15,6 @@ from palpate.grasp.frames import kept_closings
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.hand import Hand
-from palpate.hand.model import STIFFNESS
 
 GRAVITY = 9.81  # m / s^2
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])  # +x, +y, +z, -x, -y, -z of the world
@@ -48,18 +47,10 @@ class HoldSimulation(GraspSimulation):
     Friction cones are elliptic: with pyramids a contact resists less along their diagonals.
     """
 
-    def __init__(
-        self,
-        hand: Hand,
-        patches: list[np.ndarray],
-        body: Body,
-        friction: float,
-        timestep: float,
-        stiffness: float = STIFFNESS,
-    ):
+    def __init__(self, hand: Hand, patches: list[np.ndarray], body: Body, friction: float, timestep: float):
         """body, friction (the coefficient of all contacts): of the object; others as for `GraspSimulation`."""
         self.body, self.friction = body, friction
-        super().__init__(hand, patches, timestep, stiffness=stiffness)
+        super().__init__(hand, patches, timestep)
 
     def specification(self) -> mujoco.MjSpec:
         """Hand and object as for a closing, with the object's weight and friction."""

@@ -47,19 +47,13 @@ def triangles(
 
 def _hull_or_mesh(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
     """A mesh as it is, or without faces its vertices' convex hull; every face flat, with its own vertices."""
-
-    def across(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        corners = vertices[faces]
-        return corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
     if not len(faces):
-        from scipy.spatial import ConvexHull
+        from trimesh.convex import convex_hull
 
-        hull = ConvexHull(vertices)
-        faces = hull.simplices.copy()
-        inwards = (across(faces)[1] * hull.equations[:, :3]).sum(axis=1) < 0
-        faces[inwards] = faces[inwards][:, ::-1]
-    corners, towards = across(faces)
+        hull = convex_hull(vertices)
+        vertices, faces = hull.vertices, hull.faces
+    corners = vertices[faces]
+    towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
     return corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), np.repeat(towards, 3, axis=0)
 

@@ -129,11 +129,11 @@ def record(grasper: Grasper, simulation: GraspSimulation, closing: Closing, labe
     return RecordedClosing(label, joints, warnings, np.array(seen.kinetic), np.cumsum(seen.work), depth, outcome)
 
 
-def soundness(recorded: Iterable[RecordedClosing], depth: float = MAX_PENETRATION, what: str = "") -> Iterator[Finding]:
+def soundness(recorded: Iterable[RecordedClosing], what: str = "") -> Iterator[Finding]:
     """Findings of physically sound closings: the worst of each quantity.
 
     The engine gives no warning. Kinetic energy stays below the servos' work: the hand starts at rest, there is
-    no gravity, and contacts and dampers only dissipate. No surface penetrates deeper than `depth` (m).
+    no gravity, and contacts and dampers only dissipate. No surface penetrates deeper than `MAX_PENETRATION`.
     """
     recorded, what = list(recorded), f"{what}: " if what else ""
     warned = {closing.label for closing in recorded if closing.warnings}
@@ -141,7 +141,7 @@ def soundness(recorded: Iterable[RecordedClosing], depth: float = MAX_PENETRATIO
     worst = max(recorded, key=lambda closing: closing.energy_gain)
     yield at_most(f"{what}kinetic energy over the servos' work", worst.energy_gain, 1, note=worst.label)
     worst = max(recorded, key=lambda closing: closing.depth)
-    yield at_most(f"{what}depth by true surfaces", 1e3 * worst.depth, 1e3 * depth, "mm", worst.label)
+    yield at_most(f"{what}depth by true surfaces", 1e3 * worst.depth, 1e3 * MAX_PENETRATION, "mm", worst.label)
 
 
 def joints_agree(

@@ -92,11 +92,11 @@ def grasp_once(result: PreparedMesh, points: np.ndarray, attempts: int = 12) -> 
     return grasp_object(result.visual, result.collision, surface, HAND, rng, **limits)
 
 
-def later_stages(result: PreparedMesh, attempts: int = 12) -> Iterator[Finding]:
+def later_stages(result: PreparedMesh) -> Iterator[Finding]:
     """Findings on surface points, a grasp and its touches: finite, on the surface, penetration within the limit."""
     points, findings = sample_points(result)
     yield from findings
-    grasp = grasp_once(result, points, attempts)
+    grasp = grasp_once(result, points)
     yield equal("grasp is finite", bool(np.isfinite(grasp.link_pose).all()), True)
     yield at_most("penetration", float(grasp.penetration.max()), MAX_PENETRATION, "m", "grasps.max_penetration")
     caster = RayCaster(result.visual, OBJECT_POSITION)

@@ -69,12 +69,12 @@ def gradients(model: torch.nn.Module) -> Tensor:
     return torch.cat([weights.grad.flatten() for weights in model.parameters() if weights.grad is not None])
 
 
-def synthetic_sensors(cloud: Tensor, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+def synthetic_sensors(cloud: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Twenty sensors that look at points of a cloud from 2 cm.
 
     Returns: position (g, 4, 3), rotation (g, 4, 3, 3), planar charts (g, 4, 81, 3) at the points.
     """
-    places = cloud[torch.randperm(len(cloud), generator=seeded(seed))[: 4 * GRASPS]]
+    places = cloud[torch.randperm(len(cloud), generator=seeded())[: 4 * GRASPS]]
     away = torch.nn.functional.normalize(places - cloud.mean(dim=0), dim=1)
     position, grid = places + 0.02 * away, touch_chart().grid
     side = torch.nn.functional.normalize(torch.linalg.cross(away, away.roll(1, dims=1) + 0.1), dim=1)

@@ -87,12 +87,12 @@ def _largest_difference(one: np.ndarray, other: np.ndarray, above: bool = False)
     return 1e3 * float((difference if above else np.abs(difference)).max(initial=0))
 
 
-def random_pose(seed: int | None, reach: float = 0.2) -> Pose:
-    """A random pose with coordinates within `reach` (m); for seed None the identity."""
+def random_pose(seed: int | None) -> Pose:
+    """A random pose with coordinates within 0.2 m; for seed None the identity."""
     if seed is None:
         return Pose(np.zeros(3), np.eye(3))
     rng = np.random.default_rng(seed)
-    return Pose(rng.uniform(-reach, reach, 3), Rotation.random(random_state=seed).as_matrix())
+    return Pose(rng.uniform(-0.2, 0.2, 3), Rotation.random(random_state=seed).as_matrix())
 
 
 def in_pose(mesh: trimesh.Trimesh, pose: Pose) -> trimesh.Trimesh:
