@@ -17,7 +17,7 @@ def exact_depth(
     low: float = 0.0,
     high: float = SENSOR_RANGE,
 ) -> np.ndarray:
-    """(n,) depth of the nearest of triangles (f, 3, 3), between low and high, at each of pixels (n, 2); else +inf.
+    """Depth (n,) of the nearest of triangles (f, 3, 3), between low and high, at each of pixels (n, 2); else +inf.
 
     Uses barycentric coordinates in the sensor plane, in double precision (or longer, as the triangles), of every face
     that is not exactly edge-on. Edges count as `WIDTH` wide. position: (3,), rotation: (3, 3) of the sensor, in the

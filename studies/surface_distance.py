@@ -24,7 +24,7 @@ def sample(vertices: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
 
 
 def distances(one: Surface, other: Surface) -> tuple[float, float]:
-    """From one surface to another, the mean over the area of the first, and the largest found: at points spread evenly,
+    """Distances from one surface to another, mean over the area of the first and largest: at points spread evenly,
     at corners, and, finer and finer, at the middles of the triangles whose corners, then middles, are farthest."""
     spread, _ = other.closest(sample(one.vertices, one.faces, SAMPLES))
     corners = other.closest(one.vertices)[0][one.faces]

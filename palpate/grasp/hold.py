@@ -77,7 +77,7 @@ class HoldSimulation(GraspSimulation):
         duration: float,
         distance: float,
     ) -> float:
-        """How far the object's centre of mass is from its place at most, m; NaN if the engine warned.
+        """The largest distance of the object's centre of mass from its place, m; NaN if the engine warned.
 
         It starts at rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets`
         (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.

@@ -21,8 +21,8 @@ REMEDY = "write it as `equality/joint`s of one driver with `polycoef`, or delete
 
 
 class Couplings:
-    """Of the J joints with these numbers: `driver` (J,), `coefficients` (J, 5) of powers of the driver's position, and
-    `range` (J, 2), NaN without one.
+    """Couplings of the J joints with these numbers: `driver` (J,), `coefficients` (J, 5) of powers of the driver's
+    position, and `range` (J, 2), NaN without one.
 
     Raises ValueError that names the equality, or the joints, for what ties the hand to something else, or is not moved
     by one servo within `TOLERANCE`.
@@ -85,8 +85,8 @@ class Couplings:
         return tied
 
     def _violated(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much active equalities and `tendons` are violated with the joints at (J,): (R,) rad or m, and
-        derivatives (R, J)."""
+        """Violations (R,) of active equalities and `tendons` with the joints at (J,), rad or m, and their derivatives
+        (R, J)."""
         model, data = self.model, self.data
         data.qpos[:], data.qpos[self.positions] = model.qpos0, at
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):

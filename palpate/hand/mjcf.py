@@ -224,7 +224,7 @@ class _Reader:
             raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
 
     def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
-        """(J,) joint positions of the open hand; those that are not given are at the reference, or follow."""
+        """Joint positions (J,) of the open hand; those that are not given are at the reference, or follow."""
         names, start = list(hand.joint_names), hand.open_joint_positions.copy()
         if isinstance(given, Sequence):
             if len(given) != len(names):

@@ -113,7 +113,7 @@ class Renderer:
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """What `render` gives, from each of the cameras instead of the scene's own.
+        """The images that `render` gives, from each of the cameras instead of the scene's own.
 
         EXR files are named after the object, and the number of the camera if it is not the first. Raises UnusableObject
         if the object's file can't be read or holds no triangles, or if an image of the object alone doesn't show it;

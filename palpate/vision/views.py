@@ -33,7 +33,7 @@ _BEFORE_X = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # axes of a camera on
 
 
 class Viewpoint(NamedTuple):
-    """Where a view is taken from; angles in degrees."""
+    """The place that a view is taken from; angles in degrees."""
 
     azimuth: float
     elevation: float

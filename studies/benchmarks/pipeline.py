@@ -45,7 +45,10 @@ def main() -> None:
 
 
 def many_objects(run: Path, seconds: pd.Series, objects: int) -> pd.DataFrame:
-    """What stages take of 100,000 objects. seconds: of wall time an object, by stage; objects: that the run has."""
+    """Time and space that stages take of 100,000 objects.
+
+    seconds: of wall time an object, by stage. objects: how many the run has.
+    """
     table = pd.DataFrame({"hours of one core": seconds * OBJECTS / 3600})
     table[f"hours on {CORES} cores"] = table["hours of one core"] / CORES
     files = {stage: run.joinpath(FOLDERS.get(stage, stage)).rglob("*") for stage in table.index}

@@ -234,7 +234,7 @@ def _run(setup: ClosingSettings, case: Case) -> Closings:
 
 
 def _engine(setup: ClosingSettings) -> tuple[float, float, float]:
-    """What models are compiled for: cell size, time step and gain."""
+    """The properties that a model is compiled for: cell size, time step and gain."""
     return setup.cell, setup.timestep, setup.gain
 
 

@@ -81,7 +81,7 @@ class ReconstructionStudy(Study):
 
     @property
     def timed_samples(self) -> int:
-        """How many samples the timed training steps have, the same for all variants."""
+        """Number of samples of the timed training steps, the same for all variants."""
         return 2 * self.base.batch
 
     def cases(self) -> Iterable[tuple[str, list[Sample]]]:

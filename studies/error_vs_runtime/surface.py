@@ -118,7 +118,7 @@ def traced_case(mesh: trimesh.Trimesh, count: int = OBJECT_POINTS, directions: i
 
 
 def sobol_sphere(count: int) -> np.ndarray:
-    """(count, 3) unit vectors spread evenly over the sphere (Sobol sequence, scrambled); 2^k of them."""
+    """Unit vectors (count, 3) spread evenly over the sphere (Sobol sequence, scrambled); 2^k of them."""
     u, v = qmc.Sobol(2, rng=0).random(count).T
     radius, angle = np.sqrt(1 - (2 * u - 1) ** 2), 2 * np.pi * v
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), 2 * u - 1], axis=1)

@@ -26,7 +26,7 @@ BLOCK = 4096  # bytes: what file systems write at once, and lose at once
 
 
 class Try(NamedTuple):
-    """What came of a fault at one place.
+    """The outcome of a fault at one place.
 
     noticed: `reader` if the step or user who reads it gets an error, `validate` if only `snakemake validate` fails,
     `unchanged` if all that is read is as before, `silent` if it is not and no error says so. message: of the error.
@@ -74,7 +74,7 @@ def _rejections(run: Path) -> Iterator[object]:
 
 
 def _masters(run: Path) -> Iterator[object]:
-    """Only users read them; `manifest.json` says what they must be."""
+    """Masters, which only users read; `manifest.json` says what they must be."""
     yield from (path.read_bytes() for path in sorted(run.glob("exr/*/*.exr")))
 
 
@@ -182,7 +182,7 @@ def outcome(kind: Kind, run: Path, expected: list) -> Try:
 
 
 def validate(run: Path) -> str:
-    """What `snakemake validate` says of a run's files: the first that is not as written; empty if all are."""
+    """The finding of `snakemake validate` on a run's files: the first that is not as written; empty if all are."""
     for batch in Run(run).batches:
         for finding in check_files(Run(run), batch):
             if not finding.ok:

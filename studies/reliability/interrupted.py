@@ -105,7 +105,7 @@ WAYS: dict[str, Callable[[subprocess.Popen, np.random.Generator], None]] = {
 
 
 def interrupt(how: Callable, run: SmallRun, whole: SmallRun, seconds: float, rng: np.random.Generator, tries: int):
-    """Interrupt a run `tries` times, up to `seconds` after each start; a list of what each run lost at its end.
+    """Interrupt a run `tries` times, up to `seconds` after each start; returns a list of what each run lost at its end.
 
     A run that ends before it is interrupted is compared with the whole one, removed, and begun again.
     """

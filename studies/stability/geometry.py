@@ -60,7 +60,7 @@ def distance_off_surface(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
 
 
 def depth_along(mesh: trimesh.Trimesh, axis: int, sign: int, distance: float) -> np.ndarray:
-    """(100, 100) depth map (m) of a sensor that looks along an axis at the origin, from a distance."""
+    """Depth map (100, 100), m, of a sensor that looks along an axis at the origin, from a distance."""
     x, y = sign * np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
     return RayCaster(mesh).trace(-distance * x[None], np.stack([x, y, np.cross(x, y)], axis=1)[None])[0]
 

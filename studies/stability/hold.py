@@ -33,7 +33,7 @@ REST_WITHIN, AT_REST = 20.0, 1e-4
 
 
 def pinched(load: float, friction: float, timestep: float, stiff: float) -> float:
-    """How far a box moves across the jaws, m, whose weight is `load` times what their friction can carry."""
+    """The way of a box across the jaws, m, whose weight is `load` times what their friction can carry."""
     box = trimesh.creation.box((0.06, 0.03, 2 * HALF)).apply_translation((0.0406, 0, 0)).subdivide()
     body = body_of(box, load * 2 * friction * GRIP / GRAVITY / box.volume)
     simulation = HoldSimulation(GRIPPER, surface_patches(box), body, friction, timestep)

@@ -60,7 +60,7 @@ def cloud_of(subject: Subject, seed: int = 0) -> Tensor:
 
 
 def count_nonfinite(*tensors: Tensor) -> int:
-    """How many numbers are NaN or infinite."""
+    """Count numbers that are NaN or infinite."""
     return sum(int((~torch.isfinite(tensor)).sum()) for tensor in tensors)
 
 

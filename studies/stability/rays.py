@@ -224,7 +224,7 @@ def at_the_range_limit(subject):
 
 
 def shade_in_double(depth: np.ndarray) -> np.ndarray:
-    """(100, 100, 3) grey levels, not rounded, by the equations of docs/touch.md in double precision."""
+    """Grey levels (100, 100, 3), not rounded, by the equations of docs/touch.md in double precision."""
     height = np.where(np.isfinite(depth), np.maximum(SENSOR_RANGE - depth.astype(np.float64), 0), 0)
     slope_z, slope_y = np.gradient(height, PIXEL_CENTRES[1] - PIXEL_CENTRES[0])
     normal = np.stack([-slope_y, -slope_z, np.ones_like(height)], axis=-1)

@@ -53,12 +53,12 @@ def unknown_target(path: str, known: Iterable[str], notes: Sequence[str] = ()) -
 
 
 def end_at_signals() -> None:
-    """From now on SIGTERM ends this process as Ctrl-C does. Snakemake waits for jobs, of which none is started yet."""
+    """Let SIGTERM end this process as Ctrl-C does. Snakemake waits for jobs, of which none is started yet."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def catch_signals() -> None:
-    """From now on Ctrl-C and SIGTERM end the jobs, and then the run. Jobs ignore Ctrl-C themselves (`shell.prefix`)."""
+    """Let Ctrl-C and SIGTERM end the jobs, and then the run. Jobs ignore Ctrl-C themselves (`shell.prefix`)."""
 
     def interrupt(*_) -> None:
         if not LogHandler.current.interrupted:
