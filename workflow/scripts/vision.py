@@ -33,10 +33,10 @@ with ExitStack() as outputs:
     def render(name: str) -> dict:
         row = grasps["object"].tolist().index(name)
         of_object = {array: grasps[array][row] for array in GRASP_ARRAYS}
-        look_of_object = scene.draw(settings, seed, name)
-        drawn[name] = {key: look_of_object[key] for key in scene.LOOK if look_of_object[key] != settings[key]}
-        look = {"lights": scene.lights(look_of_object), "background": scene.background(look_of_object)}
-        cameras = scene.cameras(look_of_object)
+        own_settings = scene.draw(settings, seed, name)
+        drawn[name] = {key: own_settings[key] for key in scene.LOOK if own_settings[key] != settings[key]}
+        look = {"lights": scene.lights(own_settings), "background": scene.background(own_settings)}
+        cameras = scene.cameras(own_settings)
         pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, of_object, hand, **look), cameras)
         return vision_record(pictures, cameras)
 
