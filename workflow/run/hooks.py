@@ -83,7 +83,7 @@ def _end_children() -> None:
 
 
 def finish(folder: str, object_pages: int) -> None:
-    """At the end of a run: write its page, and say what it has come to. object_pages: how many are written with it."""
+    """Write the page of a run that ends, and say what it has come to. object_pages: how many are written with it."""
     from palpate.dataset import summary  # loads Zarr and HDF5
 
     signal.signal(signal.SIGINT, signal.default_int_handler)
