@@ -12,8 +12,8 @@ class Method(NamedTuple):
 
     name: str
     title: str
+    strategy: str
     whose: str = ""
-    strategy: str | None = None
     architecture: Mapping[str, Any] = {}
     correction: Mapping[str, float] | None = None
     stated_as: str | None = None
@@ -26,4 +26,7 @@ class Method(NamedTuple):
         return self.title + f" ({self.whose})" * bool(self.whose)
 
 
-METHODS = {name: Method(name, **row) for name, row in read_yaml(Path(__file__).with_suffix(".yaml")).items()}
+METHODS = {
+    name: Method(name, **{"strategy": name} | row)
+    for name, row in read_yaml(Path(__file__).with_suffix(".yaml")).items()
+}

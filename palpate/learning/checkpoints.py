@@ -31,8 +31,8 @@ def build(
     sensor: Sensor = DIGIT,
     templates: Templates | None = None,
 ) -> Reconstruction | SingleImageModel:
-    """The untrained model of an experiment, for a hand's number of sensors and their kind; of strategy `template` with
-    the charts of the training objects."""
+    """The untrained model of an experiment, for a hand's number of sensors and their kind; with templates, if its
+    strategy begins with them."""
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
     return Reconstruction(experiment, architecture, hand_sensors, sensor, templates)
@@ -134,7 +134,7 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
         architecture = Architecture.from_row(content["architecture"])
         arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks"))
         described = experiment if shares_weights else experiment_of(content)
-        templates = Templates(*arrays) if described.strategy == "template" else None
+        templates = Templates(*arrays) if described.plan.start == "templates" else None
         model = build(described, architecture, *_sensor_of(content), templates)
         if shares_weights:  # one without touch leaves out what a touch would pass through
             own, weights = model.state_dict(), content["weights"]

@@ -18,13 +18,11 @@ from palpate.experiments import Experiment
 from palpate.learning import checkpoints
 from palpate.learning.data import ExperimentData, ExperimentDataError
 from palpate.learning.draws import shuffled, spread, training_samples
-from palpate.learning.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss
 from palpate.learning.recipes import ReconstructionSettings, Settings, TouchDepthSettings
 from palpate.learning.samples import Assembler, grasps_per_sample, windows
-from palpate.learning.single_image_losses import LOSSES
-from palpate.learning.touch_charts import touched
-from palpate.learning.touch_readings import Touches
+from palpate.learning.touch_charts import Touches, touch_depth_loss, touched
 from palpate.models import TouchDepth
+from palpate.models.losses import Truth, cloud_loss
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.models.templates import Templates, shrunk
 
@@ -159,7 +157,7 @@ class ReconstructionLearner(Learner):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             hand_sensors = data.hand_sensors or HAND_SENSORS
-            templates = _templates(data, train) if experiment.strategy == "template" else None
+            templates = _templates(data, train) if experiment.plan.start == "templates" else None
             model = checkpoints.build(experiment, architecture, hand_sensors, data.sensor, templates)
         by_grasp = settings.epoch == "grasps" and experiment.takes_grasps
         super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), validation_samples)
@@ -182,9 +180,8 @@ class ReconstructionLearner(Learner):
     def losses(self, batch_samples, generator, validation=False):
         if not batch_samples:
             return torch.empty(0, device=self.device)
-        model, strategy = self.model, self.experiment.strategy
-        batch = self.assemble(batch_samples)
-        if strategy == "template":  # an object is no template of its own
+        model, batch = self.model, self.assemble(batch_samples)
+        if self.experiment.plan.start == "templates":  # an object is no template of its own
             batch["excluded"] = torch.tensor([self.template.get(sample.object, -1) for sample in batch_samples])
         predictions = [model(batch)] if validation else model.stages(batch)
         for prediction in predictions:
@@ -194,7 +191,7 @@ class ReconstructionLearner(Learner):
         with torch.autocast(self.device.type, enabled=False):
             if validation:
                 return cloud_loss(model.sample(predictions[-1].float(), points, generator), *against)
-            return LOSSES.get(strategy, moving_charts_loss)(model, predictions, *against)
+            return model.loss(predictions, *against)
 
     def described(self):
         camera = self.data.common_camera(self.experiment)
@@ -212,7 +209,7 @@ class ReconstructionLearner(Learner):
 
 
 def _templates(data: ExperimentData, objects: Sequence[int]) -> Templates:
-    """The templates of strategy `template`: the fitted charts and the silhouettes of some objects."""
+    """What a strategy with templates begins with: the fitted charts and the silhouettes of some objects."""
     name = "unoccluded_silhouette"
     masks = shrunk(torch.from_numpy(data[name][objects])) if name in data else None
     return Templates(torch.from_numpy(data["template"][objects]), masks)

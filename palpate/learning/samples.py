@@ -81,7 +81,7 @@ class Assembler:
                 masks = {"mask": f"{self.experiment.vision}_silhouette", "hand": "hand_silhouette"}
                 batch |= {key: self.tensors[name][image] for key, name in masks.items() if name in self.tensors}
                 batch["camera_number"] = views
-            if self.experiment.takes_images:
+            if self.experiment.plan.takes_images:
                 batch["image"] = to_colours(self.tensors[self.experiment.vision][image])
         for name in self.TOUCH_ARRAYS:
             if name in self.tensors:

@@ -14,10 +14,10 @@ import trimesh
 from torch import Tensor
 
 from palpate.charts import sample_faces, vision_atlas
-from palpate.learning.losses import Truth, reconstruction_loss
 from palpate.learning.metrics import score
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface
+from palpate.models.losses import Truth, reconstruction_loss
 from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample as sample_exterior
 from studies.error_vs_runtime.study import Method, Study, variants

@@ -69,7 +69,7 @@ def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_nee
     for make in (lambda rows: decide(rows, rings, touches, resamples=50), lambda rows: touch_effect(rows, 50)):
         pd.testing.assert_frame_equal(make(of_needed), make(measured))
     for name, table in DECLARED.tables.items():
-        for experiment in table.experiments:
+        for experiment in table.by_name.values():
             assert table.split in needed_splits(experiment, DECLARED.tables), name
 
 

@@ -48,7 +48,7 @@ def omissions():
         needless = [SPARE]
         needless += [] if experiment.has_vision else [IMAGE]
         # Without touch there is no reading to encode.
-        needless += [READING] if experiment.touch and not experiment.takes_readings else []
+        needless += [READING] if experiment.touch and experiment.takes_charts else []
         for naive in [[each] for each in needless] + [needless] * (len(needless) > 1):
             yield experiment, naive
 

@@ -1,17 +1,22 @@
-"""The losses: Chamfer distances in the tables' unit (`palpate.protocol.CHAMFER_SCALE` times square metres)."""
+"""What predictions are compared with in a training, and how: Chamfer distances in the tables' unit
+(`palpate.protocol.CHAMFER_SCALE` times square metres). The networks have the losses that they are trained with."""
 
 from collections.abc import Sequence
 
+import numpy as np
 import torch
+from scipy.ndimage import binary_fill_holes
 from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.charts import build_tree, one_sided_distance, plane_normals, sample_faces
-from palpate.learning.touch_charts import depth_to_points
-from palpate.models import Reconstruction
-from palpate.models.single_image import occupied
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.protocol import CHAMFER_SCALE
-from palpate.sensor import DIGIT, Size
+
+GRID = 32  # cells along an edge of the grid of voxels
+# Of the grid's edge, m: no side of an object's box is longer than its diagonal.
+GRID_EDGE = DIAGONAL
+CELL = GRID_EDGE / GRID
 
 
 class Truth:
@@ -45,10 +50,23 @@ class Truth:
         return [self._normals[number] for number in objects]
 
     def occupied(self, objects: Sequence[int], relative_size: float = 1.0) -> list[Tensor]:
-        """Their cells (32, 32, 32) bool, as `palpate.models.single_image.occupied` has them, of one size of grid."""
+        """Their cells (32, 32, 32) bool, as the function `occupied` has them, of one size of grid."""
         for number in set(objects) - set(self._occupied):
             self._occupied[number] = occupied(self.points[number], relative_size)
         return [self._occupied[number] for number in objects]
+
+
+def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
+    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose.
+
+    As the published voxels, cells are occupied that the surface passes, and those within it. relative_size: of the grid
+    to the cube of `GRID_EDGE`.
+    """
+    cell = CELL * relative_size
+    index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / cell + GRID / 2).floor().long()
+    shell = np.zeros((GRID, GRID, GRID), dtype=bool)
+    shell[tuple(index.clamp(0, GRID - 1).numpy().T)] = True
+    return torch.from_numpy(binary_fill_holes(shell)).to(points.device)
 
 
 def reconstruction_loss(
@@ -61,23 +79,6 @@ def reconstruction_loss(
     nearest sampled one. generator: of the random choices.
     """
     return cloud_loss(sample_faces(vertices.to(truth.points.dtype), faces, n, generator), truth, objects, n, generator)
-
-
-def moving_charts_loss(
-    model: Reconstruction,
-    predictions: Sequence[Tensor],
-    truth: Truth,
-    objects: Sequence[int],
-    n: int,
-    generator: torch.Generator,
-) -> Tensor:
-    """`reconstruction_loss` (B,) of the charts that move, of the last of the model's `stages`.
-
-    The others give no gradient, and would at the start be the nearest to up to half of the true points.
-    """
-    vertices = predictions[-1]
-    faces = model.moving_faces[(model.moving_faces < vertices.shape[1]).all(dim=1)]
-    return reconstruction_loss(vertices, faces, truth, objects, n, generator)
 
 
 def cloud_loss(points: Tensor, truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator) -> Tensor:
@@ -94,26 +95,3 @@ def subsample(points: Tensor, n: int | None, generator: torch.Generator) -> Tens
         return points
     order = torch.randperm(len(points), generator=generator, device=generator.device)[:n]
     return points[order.to(points.device)]
-
-
-def touch_depth_loss(
-    predicted: Tensor, valid: Tensor, depth: Tensor, n: int | None, generator: torch.Generator, size: Size = DIGIT.size
-) -> Tensor:
-    """Chamfer distance (B,) between the predicted and the true local cloud of each touch (paper, section 3.2).
-
-    predicted: (B, r, c) metres from the sensor plane. valid: (B, r, c) bool, the pixels whose prediction counts. depth:
-    (B, r, c) true depth, +inf where nothing is in range. n: points of either cloud that look for the nearest of all in
-    the other; None: all. size: of the sensors, in whose frame clouds are compared: a distance does not depend on it.
-
-    Raises ValueError if a touch has no valid pixel or nothing in range.
-    """
-    in_range = torch.isfinite(depth)
-    for what, pixels in (("valid pixel", valid), ("pixel in range", in_range)):
-        without = ~pixels.flatten(1).any(dim=1)
-        if without.any():
-            raise ValueError(f"touch {int(without.nonzero()[0])} of the batch has no {what}: leave it out")
-    clouds = [cloud[mask] for cloud, mask in zip(depth_to_points(predicted.to(depth.dtype), size), valid, strict=True)]
-    truths = [cloud[mask] for cloud, mask in zip(depth_to_points(depth, size), in_range, strict=True)]
-    there = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], truths)
-    back = one_sided_distance([subsample(truth, n, generator) for truth in truths], clouds)
-    return CHAMFER_SCALE * (there + back)
