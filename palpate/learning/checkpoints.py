@@ -4,7 +4,7 @@ import io
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
@@ -18,6 +18,9 @@ from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
 
 SCHEMA_VERSION = 3  # of checkpoints; those of another are refused
+
+
+Model = TypeVar("Model", bound=torch.nn.Module)
 
 
 class CheckpointError(ValueError):
@@ -133,7 +136,7 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
         arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks"))
-        described = experiment if shares_weights else experiment_of(content)
+        described = experiment_of(content) if experiment is None or not shares_weights else experiment
         templates = Templates(*arrays) if described.plan.start == "templates" else None
         model = build(described, architecture, *_sensor_of(content), templates)
         if shares_weights:  # one without touch leaves out what a touch would pass through
@@ -173,7 +176,8 @@ def load_touch_depth(path: Path | str) -> TouchDepth:
     return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 
 
-def _filled(path: Path | str, make: Callable[[], torch.nn.Module], content: Mapping[str, Any]):
+def _filled(path: Path | str, make: Callable[[], Model], content: Mapping[str, Any]) -> Model:
+    """The model that `make` builds, with the content's weights, in evaluation mode."""
     try:
         model = make()
         model.load_state_dict(content["weights"])

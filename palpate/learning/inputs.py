@@ -6,7 +6,6 @@ It needs neither torch nor the stores.
 from typing import NamedTuple
 
 from palpate.experiments import Experiment
-from palpate.strategies import CAMERAS
 
 
 class Input(NamedTuple):
@@ -39,11 +38,6 @@ _ROWS = (
     ("template", "templates", "vertices", "float32"),
 )
 INPUTS = {row[0]: Input(*row) for row in _ROWS}
-
-
-def camera_array(experiment: Experiment) -> str | None:
-    """The name of the cameras, (o, v, 3, 4), of the images that an experiment takes; None if it takes none."""
-    return CAMERAS.get(experiment.vision)
 
 
 def inputs(experiment: Experiment, training: bool = False) -> list[Input]:

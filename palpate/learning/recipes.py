@@ -44,6 +44,7 @@ class ReconstructionSettings(Settings):
     validation_points: sampled on its predictions. epoch: each of the `objects` once, or each of the `grasps`.
     """
 
+    loss_points: int
     validation_points: int
     epoch: str
     architecture: Architecture

@@ -38,6 +38,10 @@ class Touches(NamedTuple):
     def __len__(self) -> int:
         return len(self.reading)
 
+    def to(self, device: torch.device) -> "Touches":
+        """The same on a device."""
+        return Touches(self.reading.to(device), self.depth.to(device), self.empty.to(device), self.sensor)
+
 
 def read_touches(dataset: Dataset, *splits: str) -> Touches:
     """The successful touches of some splits whose reading differs from the empty one anywhere.

@@ -86,7 +86,7 @@ def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_nee
 )
 def test_a_split_is_needed_by_a_table_a_claim_or_a_difference(experiment, tables, splits):
     made = Experiment(experiment, strategy="charts", vision="none", touch=True, grasps=1)
-    declared = {name: Comparison(name, split, (made,)) for name, split in tables.items()}
+    declared = {name: Comparison(name, split, {made.name: made}) for name, split in tables.items()}
     assert needed_splits(made, declared) == list(splits)
 
 

@@ -12,9 +12,8 @@ from palpate.architectures import Architecture
 from palpate.charts import Graph, touch_chart
 from palpate.charts.graph import mesh_edges
 from palpate.learning.data import ExperimentData
-from palpate.learning.draws import training_samples
 from palpate.learning.inputs import INPUTS, inputs, stages
-from palpate.learning.samples import Assembler, windows
+from palpate.learning.samples import Assembler, training_samples, windows
 from studies.omitted.models import (
     BOTH,
     IMAGE,
