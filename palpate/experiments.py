@@ -76,8 +76,9 @@ class Experiment:
     @property
     def method(self) -> Method:
         """Its method: the last one of its strategy whose architecture it has."""
-        own, methods = self.architecture, [method for method in METHODS.values() if method.strategy == self.strategy]
-        return [method for method in methods if merge(own, method.architecture) == own][-1]
+        own = self.architecture
+        of_strategy = (method for method in METHODS.values() if method.strategy == self.strategy)
+        return [method for method in of_strategy if merge(own, method.architecture) == own][-1]
 
     @property
     def stated_as(self) -> str:
@@ -162,7 +163,7 @@ class Experiments:
         check(declared, schema, str(path))
         try:
             rows = _rows(declared["experiments"])
-            experiments = {name: _experiment(row, rows) for name, row in rows.items()}
+            experiments = {name: _experiment(name, row, rows) for name, row in rows.items()}
             tables = {
                 name: Comparison(name, table["split"], dict(_selected(name, table["experiments"], experiments)))
                 for name, table in declared["tables"].items()
@@ -191,25 +192,25 @@ def _rows(grids: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
             raise ConfigError(f"method {row['method']!r} is unknown; there are {', '.join(METHODS)}")
         if isinstance(row.get("weights"), dict):
             row["weights"] = name_of(row | row["weights"])
-        name = row.setdefault("name", name_of(row))
+        name = row.pop("name", name_of(row))
         if name in rows:
             raise ConfigError(f"there are two experiments {name}: remove one, or state another `name`")
         rows[name] = row
     return rows
 
 
-def _experiment(row: Mapping[str, Any], rows: Mapping[str, Mapping[str, Any]]) -> Experiment:
+def _experiment(name: str, row: Mapping[str, Any], rows: Mapping[str, Mapping[str, Any]]) -> Experiment:
     """The experiment of a row; what the row does not state is its trained experiment's, or its method's."""
     method, trained = METHODS[row["method"]], rows.get(row["weights"], {}) if "weights" in row else row
     if trained.get("vision") != row["vision"] or (trained is not row and "weights" in trained):
-        raise ConfigError(f"{row['name']} has weights {row['weights']}, which is no trained experiment of its vision")
-    if not strategy(method.strategy).accepts(row["vision"], row["touch"]):
-        inputs = Experiment(row["name"], method.strategy, row["vision"], row["touch"], 1).input_label
-        raise ConfigError(f"{row['name']}: {method.name} can't take as input: {inputs}")
-    values = {"grasps": 1, "correction": method.correction, "architecture": METHODS[trained["method"]].architecture}
-    values |= {key: trained[key] for key in ("correction", "architecture") if key in trained}
-    values |= {**row, "strategy": method.strategy} | ({} if row["touch"] else {"correction": None})
-    return Experiment.from_row(row["name"], {key: values[key] for key in values if key not in ("name", "method")})
+        raise ConfigError(f"{name} has weights {row['weights']}, which is no trained experiment of its vision")
+    defaults = {"grasps": 1, "correction": method.correction, "architecture": METHODS[trained["method"]].architecture}
+    values = defaults | {key: trained[key] for key in ("correction", "architecture") if key in trained} | {**row}
+    values |= {"strategy": method.strategy} | ({} if row["touch"] else {"correction": None})
+    experiment = Experiment.from_row(name, {key: values[key] for key in values if key != "method"})
+    if not experiment.plan.accepts(experiment.vision, experiment.touch):
+        raise ConfigError(f"{name}: {method.name} can't take as input: {experiment.input_label}")
+    return experiment
 
 
 def _selected(
