@@ -30,7 +30,7 @@ from palpate.learning.samples import (
 )
 from palpate.learning.touch_charts import Touches, touch_depth_loss, touched
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
-from palpate.models.losses import Truth, cloud_loss
+from palpate.models.losses import Target, Truth, cloud_loss
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.models.templates import Templates, shrunk
 
@@ -223,11 +223,11 @@ class ReconstructionLearner(Learner):
         for prediction in predictions:
             self.check_finite("the prediction", prediction, batch_samples)
         points = self.settings.validation_points if validation else self.settings.loss_points
-        against = self.truth, [sample.object for sample in batch_samples], points, generator
+        target = Target(self.truth, [sample.object for sample in batch_samples], points, generator)
         with torch.autocast(self.device.type, enabled=False):
             if validation:
-                return cloud_loss(model.sample(predictions[-1].float(), points, generator), *against)
-            return model.loss(predictions, *against)
+                return cloud_loss(model.sample(predictions[-1].float(), points, generator), target)
+            return model.loss(predictions, target)
 
     def described(self) -> dict[str, Any]:
         """The experiment, its architecture and data, and what images and touches are taken to be."""

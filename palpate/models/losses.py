@@ -2,6 +2,7 @@
 (`palpate.protocol.CHAMFER_SCALE` times square metres). The networks have the losses that they are trained with."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -56,6 +57,19 @@ class Truth:
         return [self._occupied[number] for number in objects]
 
 
+class Target(NamedTuple):
+    """What the predictions of a step are compared with.
+
+    truth: of all objects. objects: B numbers in it. n: points that are sampled on each prediction, and taken of the
+    true ones. generator: of the random choices.
+    """
+
+    truth: Truth
+    objects: Sequence[int]
+    n: int
+    generator: torch.Generator
+
+
 def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
     """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose.
 
@@ -69,20 +83,22 @@ def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
     return torch.from_numpy(binary_fill_holes(shell)).to(points.device)
 
 
-def reconstruction_loss(
-    vertices: Tensor, faces: Tensor, truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator
-) -> Tensor:
+def reconstruction_loss(vertices: Tensor, faces: Tensor, target: Target) -> Tensor:
     """Chamfer distance (B,) of each predicted mesh to its object (paper, equation 2), differentiable in the vertices.
 
-    vertices: (B, V, 3) metres, faces: (F, 3). objects: B numbers of objects in `truth`. n: points sampled on each mesh,
-    and taken of the true ones. Each of the former looks for the nearest of all true points, each of the latter for the
-    nearest sampled one. generator: of the random choices.
+    vertices: (B, V, 3) metres, faces: (F, 3).
     """
-    return cloud_loss(sample_faces(vertices.to(truth.points.dtype), faces, n, generator), truth, objects, n, generator)
+    points = sample_faces(vertices.to(target.truth.points.dtype), faces, target.n, target.generator)
+    return cloud_loss(points, target)
 
 
-def cloud_loss(points: Tensor, truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator) -> Tensor:
-    """Chamfer distance of predicted points (B, m, 3) to their objects, as `reconstruction_loss` has it: (B,)."""
+def cloud_loss(points: Tensor, target: Target) -> Tensor:
+    """Chamfer distance (B,) of predicted points (B, m, 3) to their objects.
+
+    Each of them looks for the nearest of all true points, each of those that are taken of the true ones for the
+    nearest predicted one.
+    """
+    truth, objects, n, generator = target
     points, clouds = points.to(truth.points.dtype), truth.clouds(objects)
     there = one_sided_distance(points, clouds, truth.trees(objects))
     back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], points)

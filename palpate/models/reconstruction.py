@@ -20,7 +20,7 @@ from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.kriging import displaced, touched_points
 from palpate.models.layers import LinearBlock
-from palpate.models.losses import Truth, reconstruction_loss
+from palpate.models.losses import Target, reconstruction_loss
 from palpate.models.pooling import map_products, pool, pool_products, relative_camera
 from palpate.models.templates import Templates, smoothed
 from palpate.models.touch import TouchAttention, TouchPooling, touches_of
@@ -219,16 +219,14 @@ class Reconstruction(nn.Module):
         """What the loss of a training step looks at: what the network predicts, neither smoothed nor corrected."""
         return [self._vertices(batch, False)]
 
-    def loss(
-        self, stages: Sequence[Tensor], truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator
-    ) -> Tensor:
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
         """`reconstruction_loss` (B,) of the charts that move.
 
         The others give no gradient, and would at the start be the nearest to up to half of the true points.
         """
         vertices = stages[-1]
         faces = _below(self.moving_faces, vertices.shape[1])
-        return reconstruction_loss(vertices, faces, truth, objects, n, generator)
+        return reconstruction_loss(vertices, faces, target)
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and their faces."""

@@ -31,7 +31,7 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import KERNEL, ImageEncoder
 from palpate.models.gcn import GraphNetwork
 from palpate.models.layers import LinearBlock
-from palpate.models.losses import CELL, GRID, Truth, cloud_loss, subsample
+from palpate.models.losses import CELL, GRID, Target, cloud_loss, subsample
 from palpate.models.pooling import pool, relative_camera
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE
 from palpate.sensor import DIGIT
@@ -81,14 +81,8 @@ class SingleImageModel(nn.Module, ABC):
         """Every prediction (B, ...) that the training's loss looks at, the last being that of `forward`."""
 
     @abstractmethod
-    def loss(
-        self, stages: Sequence[Tensor], truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator
-    ) -> Tensor:
-        """The loss (B,) of a training step.
-
-        stages: as the method gives them. objects: B numbers of objects in `truth`, n: points that are compared, and
-        generator: of random choices, as in `palpate.models.losses.reconstruction_loss`.
-        """
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
+        """The loss (B,) of a training step, of what `stages` gives."""
 
     @abstractmethod
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
@@ -137,11 +131,9 @@ class PointSet(SingleImageModel):
         seen = torch.cat([code_points, cell_points], dim=1).to(batch["camera"].dtype)
         return [self.radius * seen @ view_axes(batch["camera"]) + self.centre.to(seen.dtype)]
 
-    def loss(
-        self, stages: Sequence[Tensor], truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator
-    ) -> Tensor:
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
         """Chamfer distance of the predicted points to their objects, as `cloud_loss` has it."""
-        return cloud_loss(stages[-1], truth, objects, n, generator)
+        return cloud_loss(stages[-1], target)
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """The points, and no faces."""
@@ -191,15 +183,14 @@ class DeformedSphere(SingleImageModel):
             stages.append(positions.transpose(0, 1))
         return stages
 
-    def loss(
-        self, stages: Sequence[Tensor], truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator
-    ) -> Tensor:
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
         """Pixel2Mesh's loss, the mean over its blocks (the publication: the sum).
 
         Of each block: the Chamfer distance between vertices and true points, the edges' squared length, the change
         of each vertex's Laplacian coordinate by the block, and how far edges are from tangential at the nearest
         true point. Each is a mean, as in the published code, and times 9000.
         """
+        truth, objects, n, generator = target
         clouds, trees, normals = truth.clouds(objects), truth.trees(objects), truth.normals(objects)
         before = self.start.to(truth.points.dtype).expand(len(objects), -1, -1)
         total = truth.points.new_zeros(len(objects))
@@ -257,12 +248,10 @@ class Voxels(SingleImageModel):
             x = functional.leaky_relu(up(functional.leaky_relu(x, SLOPE)), SLOPE)
         return [self.cells(x)[:, 0]]
 
-    def loss(
-        self, stages: Sequence[Tensor], truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator
-    ) -> Tensor:
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
         """Mean cross entropy of the cells, in nats; the true cells are those of all surface points."""
-        odds = stages[-1].to(truth.points.dtype)
-        there = torch.stack(truth.occupied(objects, self.relative_size)).to(odds.dtype)
+        odds = stages[-1].to(target.truth.points.dtype)
+        there = torch.stack(target.truth.occupied(target.objects, self.relative_size)).to(odds.dtype)
         return functional.binary_cross_entropy_with_logits(odds, there, reduction="none").mean(dim=(1, 2, 3))
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from palpate.models.losses import Truth, reconstruction_loss, subsample
+from palpate.models.losses import Target, Truth, reconstruction_loss, subsample
 
 
 def all_pairs(a, b):
@@ -19,10 +19,7 @@ def test_reconstruction_of_a_point_like_mesh():
     found = reconstruction_loss(
         vertices[None].repeat(2, 1, 1),
         torch.tensor([[0, 1, 2]]),
-        Truth(clouds),
-        [1, 0],
-        40,
-        torch.Generator(),
+        Target(Truth(clouds), [1, 0], 40, torch.Generator()),
     )
     for loss, cloud in zip(found, clouds.numpy()[[1, 0]], strict=True):
         here = place.numpy()[None]
@@ -38,7 +35,7 @@ def test_reconstruction_on_a_truth_of_its_own_points_is_small_and_moves_with_the
     vertices = corners.clone().requires_grad_()
     shift = 0.3
     loss = reconstruction_loss(
-        vertices + torch.tensor([0, 0, shift]), faces, truth, [0], 2000, torch.Generator().manual_seed(1)
+        vertices + torch.tensor([0, 0, shift]), faces, Target(truth, [0], 2000, torch.Generator().manual_seed(1))
     ).sum()
     # Both directions see the distance of the planes, and little more.
     assert float(loss.detach()) / 9000 == pytest.approx(2 * shift**2, rel=1e-2)
