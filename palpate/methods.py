@@ -19,6 +19,7 @@ class Method(NamedTuple):
     stated_as: str | None = None
     exchanged: Mapping[str, str | None] | None = None
     communication: str = ""
+    claims: bool = True
 
     @property
     def label(self) -> str:

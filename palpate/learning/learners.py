@@ -28,7 +28,7 @@ from palpate.learning.samples import (
     training_samples,
     windows,
 )
-from palpate.learning.touch_charts import Touches, touch_depth_loss, touched
+from palpate.learning.touch_charts import TouchReadings, touch_depth_loss, touched
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.losses import Target, Truth, cloud_loss
 from palpate.models.reconstruction import HAND_SENSORS
@@ -259,7 +259,7 @@ class TouchDepthLearner(Learner):
     model: TouchDepth
     settings: TouchDepthSettings
 
-    def __init__(self, train: Touches, validation: Touches, settings: TouchDepthSettings, seed: int):
+    def __init__(self, train: TouchReadings, validation: Touches, settings: TouchDepthSettings, seed: int):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = TouchDepth(settings.width, train.sensor)

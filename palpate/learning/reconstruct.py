@@ -45,7 +45,7 @@ class GraspTouches(NamedTuple):
 
 
 Grasp = GraspTouches | GraspRecord
-Touches = Grasp | Sequence[Grasp] | None
+Grasps = Grasp | Sequence[Grasp] | None
 
 
 class Silhouette(NamedTuple):
@@ -63,7 +63,7 @@ class Inputs(NamedTuple):
     """What a `Reconstructor` is called with; `reconstruct` says what each is."""
 
     image: np.ndarray | None = None
-    touches: Touches = None
+    touches: Grasps = None
     camera: np.ndarray | None = None
     silhouette: Silhouette | None = None
 
@@ -94,7 +94,7 @@ class ReconstructionError(ValueError):
 
 def reconstruct(
     image: np.ndarray | None = None,
-    touches: Touches = None,
+    touches: Grasps = None,
     *,
     model: Path | str,
     camera: np.ndarray | None = None,
@@ -164,7 +164,7 @@ class Reconstructor:
     def __call__(
         self,
         image: np.ndarray | None = None,
-        touches: Touches = None,
+        touches: Grasps = None,
         camera: np.ndarray | None = None,
         silhouette: Silhouette | None = None,
     ) -> Shape:
@@ -250,7 +250,7 @@ class Reconstructor:
                 )
         return seen | {"camera_number": np.asarray(silhouette.view)}
 
-    def _all_touches(self, touches: Touches) -> GraspTouches:
+    def _all_touches(self, touches: Grasps) -> GraspTouches:
         """All sensors of all grasps in one, checked."""
         grasps = [touches] if isinstance(touches, GraspTouches | GraspRecord) else list(touches or ())
         model = self._model

@@ -104,13 +104,7 @@ class _Errors:
     """Chamfer distances (m^2 x 9000) of an object's predictions from choices of as many grasps, each measured once."""
 
     def __init__(
-        self,
-        trained: Trained,
-        data: ExperimentData,
-        assemble: Assembler,
-        number: int,
-        order: np.ndarray,
-        points: int,
+        self, trained: Trained, data: ExperimentData, assemble: Assembler, number: int, order: np.ndarray, points: int
     ):
         self.trained, self.data, self.assemble, self.number = trained, data, assemble, number
         self.order, self.points = order, points

@@ -23,7 +23,7 @@ PREDICTION_BATCH = 16  # readings: the U-Net's memory grows with their number
 TOUCHED = 0.001
 
 
-class Touches(NamedTuple):
+class TouchReadings(NamedTuple):
     """k successful touches of one split.
 
     reading: (k, 3, r, c) uint8. depth: (k, r, c) float32 metres, +inf where nothing is in range. empty: (3, r, c)
@@ -38,12 +38,12 @@ class Touches(NamedTuple):
     def __len__(self) -> int:
         return len(self.reading)
 
-    def to(self, device: torch.device) -> "Touches":
+    def to(self, device: torch.device) -> "TouchReadings":
         """The same on a device."""
-        return Touches(self.reading.to(device), self.depth.to(device), self.empty.to(device), self.sensor)
+        return TouchReadings(self.reading.to(device), self.depth.to(device), self.empty.to(device), self.sensor)
 
 
-def read_touches(dataset: Dataset, *splits: str) -> Touches:
+def read_touches(dataset: Dataset, *splits: str) -> TouchReadings:
     """The successful touches of some splits whose reading differs from the empty one anywhere.
 
     dataset: a run's, of the stage `touch`. Raises ExperimentDataError if there are none, StoreError for a store that
@@ -64,7 +64,7 @@ def read_touches(dataset: Dataset, *splits: str) -> Touches:
     empty = channels_first(chosen.empty_reading)
     untouched = empty.float() / 255
     shown = torch.cat([touched(part.float() / 255, untouched).any(dim=(1, 2)) for part in reading.split(256)])
-    return Touches(reading[shown], depth[shown], empty, chosen.sensor)
+    return TouchReadings(reading[shown], depth[shown], empty, chosen.sensor)
 
 
 def touched(reading: Tensor, empty: Tensor) -> Tensor:

@@ -131,12 +131,7 @@ class GraphNetwork(nn.Module):
     """
 
     def __init__(
-        self,
-        inputs: int,
-        options: GCN,
-        init: str = "he",
-        last_layer_scale: float = 0.01,
-        fan_in: int | None = None,
+        self, inputs: int, options: GCN, init: str = "he", last_layer_scale: float = 0.01, fan_in: int | None = None
     ):
         super().__init__()
         layers, width = options.layers, options.width

@@ -2,6 +2,7 @@
 (`palpate.protocol.CHAMFER_SCALE` times square metres). The networks have the losses that they are trained with."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +26,14 @@ class Truth:
 
     def __init__(self, points: Tensor):
         self.points = points
-        self._trees: dict[int, cKDTree] = {}
-        self._normals: dict[int, Tensor] = {}
-        self._occupied: dict[int, Tensor] = {}
+        self._tree = cache(lambda number: build_tree(points[number]))
+        self._occupied = cache(lambda number, size: occupied(points[number], size))
+        self._normals = cache(self._plane_normals)
+
+    def _plane_normals(self, number: int) -> Tensor:
+        points = self.points[number]
+        cloud = points.detach().cpu().double().numpy()
+        return torch.from_numpy(plane_normals(cloud, self._tree(number))).to(points)
 
     def clouds(self, objects: Sequence[int]) -> list[Tensor]:
         """The clouds of the numbered objects."""
@@ -35,26 +41,15 @@ class Truth:
 
     def trees(self, objects: Sequence[int]) -> list[cKDTree] | None:
         """Their trees; None on a GPU, where neighbours are found without."""
-        if self.points.device.type != "cpu":
-            return None
-        for number in set(objects) - set(self._trees):
-            self._trees[number] = build_tree(self.points[number])
-        return [self._trees[number] for number in objects]
+        return [self._tree(number) for number in objects] if self.points.device.type == "cpu" else None
 
     def normals(self, objects: Sequence[int]) -> list[Tensor]:
         """The unit normals (n, 3) at their points, of either sign."""
-        for number in set(objects) - set(self._normals):
-            points = self.points[number]
-            cloud = points.detach().cpu().double().numpy()
-            tree = self._trees.get(number) or build_tree(points)
-            self._normals[number] = torch.from_numpy(plane_normals(cloud, tree)).to(points)
-        return [self._normals[number] for number in objects]
+        return [self._normals(number) for number in objects]
 
     def occupied(self, objects: Sequence[int], relative_size: float = 1.0) -> list[Tensor]:
-        """Their cells (32, 32, 32) bool, as the function `occupied` has them, of one size of grid."""
-        for number in set(objects) - set(self._occupied):
-            self._occupied[number] = occupied(self.points[number], relative_size)
-        return [self._occupied[number] for number in objects]
+        """Their cells (32, 32, 32) bool, as the function `occupied` has them."""
+        return [self._occupied(number, relative_size) for number in objects]
 
 
 class Target(NamedTuple):
