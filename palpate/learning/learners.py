@@ -259,7 +259,7 @@ class TouchDepthLearner(Learner):
     model: TouchDepth
     settings: TouchDepthSettings
 
-    def __init__(self, train: TouchReadings, validation: Touches, settings: TouchDepthSettings, seed: int):
+    def __init__(self, train: TouchReadings, validation: TouchReadings, settings: TouchDepthSettings, seed: int):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = TouchDepth(settings.width, train.sensor)
