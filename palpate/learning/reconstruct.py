@@ -6,7 +6,7 @@ palpate reconstruct results/default template_occluded_any bottle-0011 --output x
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -252,8 +252,8 @@ class Reconstructor:
 
     def _all_touches(self, touches: Grasps) -> GraspTouches:
         """All sensors of all grasps in one, checked."""
-        grasps = [touches] if isinstance(touches, GraspTouches | GraspRecord) else list(touches or ())
-        model = self._model
+        given: Any = () if touches is None else touches  # also of a class of the caller's, with the same attributes
+        grasps, model = [given] if hasattr(given, "reading") else list(given), self._model
         if len(grasps) not in self.grasps:
             fewest = f"{self.grasps[0]} to " * (len(self.grasps) > 1)
             raise ReconstructionError(
