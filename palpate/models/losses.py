@@ -26,8 +26,8 @@ class Truth:
 
     def __init__(self, points: Tensor):
         self.points = points
-        self._tree = cache(lambda number: build_tree(points[number]))
-        self._occupied = cache(lambda number, size: occupied(points[number], size))
+        self._tree = cache(lambda number: build_tree(self.points[number]))
+        self._occupied = cache(lambda number, size: occupied(self.points[number], size))
         self._normals = cache(self._plane_normals)
 
     def _plane_normals(self, number: int) -> Tensor:
