@@ -4,7 +4,7 @@ import io
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
@@ -20,6 +20,9 @@ from palpate.sensor import DIGIT, Sensor
 SCHEMA_VERSION = 3  # of checkpoints; those of another are refused
 
 
+Model = TypeVar("Model", bound=torch.nn.Module)
+
+
 class CheckpointError(ValueError):
     """A checkpoint can't be used; the message names the file and what to do."""
 
@@ -31,8 +34,8 @@ def build(
     sensor: Sensor = DIGIT,
     templates: Templates | None = None,
 ) -> Reconstruction | SingleImageModel:
-    """The untrained model of an experiment, for a hand's number of sensors and their kind; of strategy `template` with
-    the charts of the training objects."""
+    """The untrained model of an experiment, for a hand's number of sensors and their kind; with templates, if its
+    strategy begins with them."""
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
     return Reconstruction(experiment, architecture, hand_sensors, sensor, templates)
@@ -133,8 +136,8 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
         arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks"))
-        described = experiment if shares_weights else experiment_of(content)
-        templates = Templates(*arrays) if described.strategy == "template" else None
+        described = experiment_of(content) if experiment is None or not shares_weights else experiment
+        templates = Templates(*arrays) if described.plan.start == "templates" else None
         model = build(described, architecture, *_sensor_of(content), templates)
         if shares_weights:  # one without touch leaves out what a touch would pass through
             own, weights = model.state_dict(), content["weights"]
@@ -173,7 +176,8 @@ def load_touch_depth(path: Path | str) -> TouchDepth:
     return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 
 
-def _filled(path: Path | str, make: Callable[[], torch.nn.Module], content: Mapping[str, Any]):
+def _filled(path: Path | str, make: Callable[[], Model], content: Mapping[str, Any]) -> Model:
+    """The model that `make` builds, with the content's weights, in evaluation mode."""
     try:
         model = make()
         model.load_state_dict(content["weights"])

@@ -9,7 +9,7 @@ import shutil
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from lightning_fabric import Fabric
@@ -31,6 +31,7 @@ BEST, LAST = "best.ckpt", "last.ckpt"
 # 99.9994 % of the weights of such a network, 1 to 11 % of others (docs/evidence/trials.md).
 MOST_IDLE = 0.99
 PRECISIONS = ("32-true", "bf16-mixed")
+Row = dict[str, Any]  # of `HISTORY`
 
 
 class Training:
@@ -44,7 +45,7 @@ class Training:
         optimiser, self.schedule = learner.optimiser(fabric.device)
         self.module, self.optimiser = fabric.setup(learner, optimiser)
         learner.begin(fabric.global_rank, fabric.world_size)
-        self.history: list[dict[str, float]] = []
+        self.history: list[Row] = []
 
     @property
     def state(self) -> dict[str, Any]:
@@ -53,7 +54,7 @@ class Training:
         return {**parts, "history": self.history}
 
     @property
-    def best(self) -> dict[str, float]:
+    def best(self) -> Row:
         """The row of the history with the lowest validation loss."""
         return min(self.history, key=lambda row: row["validation_loss"])
 
@@ -66,7 +67,7 @@ class Training:
     def out_of_patience(self) -> bool:
         """Whether the last evaluations, as many as the settings' patience, were no better."""
         patience = self.learner.settings.patience
-        return bool(patience and self.history) and self.history.index(self.best) + patience < len(self.history)
+        return bool(self.history and patience and self.history.index(self.best) + patience < len(self.history))
 
     def resume(self, path: Path) -> None:
         """Go on from a state that was saved."""
@@ -77,7 +78,7 @@ class Training:
     def run(self) -> None:
         """All steps that are left, each evaluation with a row of the history and a checkpoint."""
         learner, began_at, start = self.learner, self.done, time.perf_counter()
-        before, logged = self.history[-1]["seconds"] if self.history else 0.0, start
+        logged, before = start, self.history[-1]["seconds"] if self.history else 0.0
         hidden = not sys.stderr.isatty()
         bar = tqdm(total=learner.steps, initial=began_at, desc=self.label, unit="step", disable=hidden)
         while self.done < learner.steps and not self.out_of_patience:
@@ -117,7 +118,7 @@ class Training:
         self.fabric.backward(loss)
         clip = self.learner.settings.clip or math.inf
         norm = self.fabric.clip_gradients(self.module, self.optimiser, max_norm=clip, error_if_nonfinite=False)
-        if not math.isfinite(norm):  # One such gradient would turn every weight into NaN.
+        if norm is None or not math.isfinite(norm):  # One such gradient would turn every weight into NaN.
             raise Diverged(f"the gradient is NaN or infinite in {self.learner.step_name()}")
         self.optimiser.step()
         self.schedule.step()
@@ -126,7 +127,7 @@ class Training:
     def _idle(self) -> float:
         """The share of the weights whose gradient was 0 in the last step."""
         gradients = [weights.grad for weights in self.learner.model.parameters() if weights.grad is not None]
-        return sum(int((each == 0).sum()) for each in gradients) / sum(each.numel() for each in gradients)
+        return sum(int((values == 0).sum()) for values in gradients) / sum(values.numel() for values in gradients)
 
     @torch.inference_mode()
     def _validation_loss(self) -> float:
@@ -135,8 +136,8 @@ class Training:
         with self.fabric.autocast():
             losses = self.learner.validation_losses()
         total = torch.stack([losses.sum(), losses.new_tensor(float(len(losses)))])
-        total = self.fabric.all_reduce(total, reduce_op="sum")
-        return float(total[0] / total[1])
+        loss, count = cast(torch.Tensor, self.fabric.all_reduce(total, reduce_op="sum"))
+        return float(loss / count)
 
     def _save(self) -> None:
         """Write the state, and the model if it is the best so far."""
@@ -177,7 +178,8 @@ def train(
     torch.set_num_threads(machine.threads)
     accelerator = machine.accelerator()
     devices = machine.devices if accelerator == "gpu" else 1
-    fabric = Fabric(accelerator=accelerator, devices=devices, precision=machine.precision)
+    precision = cast(Any, machine.precision)  # a text among those above; Fabric's type lists all as literals
+    fabric = Fabric(accelerator=accelerator, devices=devices, precision=precision)
     identity = _identity(learner, machine)
     if fabric.local_rank == 0:  # the first process starts the others
         _prepare(checkpoints_folder, identity)
@@ -245,7 +247,7 @@ def _summary(training: Training, machine: Machine, accelerator: str) -> dict[str
     }
 
 
-def _write(folder: Path, checkpoints_folder: Path, history: list[dict[str, float]], summary: dict[str, Any]) -> None:
+def _write(folder: Path, checkpoints_folder: Path, history: list[Row], summary: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / "history.csv", checksum=True) as partial, open(partial, "w", newline="") as file:
         writer = csv.DictWriter(file, HISTORY)

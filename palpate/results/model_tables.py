@@ -197,7 +197,7 @@ def retrieval(evaluations: Frame, experiments: Experiments, split="test", resamp
     for name, experiment in experiments.items():
         groups.setdefault((experiment.input_label, experiment.grasps * experiment.touch), []).append(name)
     for (inputs, count), names in sorted(groups.items()):
-        look_ups = [name for name in names if experiments[name].strategy == "retrieval"]
+        look_ups = [name for name in names if not experiments[name].is_trained]
         models = [name for name in names if name not in look_ups]
         if not look_ups or not models:
             continue

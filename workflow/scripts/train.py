@@ -20,7 +20,7 @@ from palpate.learning.learners import ReconstructionLearner, TouchDepthLearner
 from palpate.learning.loop import train
 from palpate.learning.machine import Machine
 from palpate.learning.recipes import ReconstructionSettings, TouchDepthSettings
-from palpate.learning.touch_readings import read_touches
+from palpate.learning.touch_charts import read_touches
 
 log_to(snakemake.log[0])
 params, folder = snakemake.params, Path(snakemake.output.model).parent
