@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 LEVEL = 0.95
 RESAMPLES = 2000
@@ -70,6 +69,8 @@ def interval(
 
     Raises ValueError if the arrays do not fit each other, hold no object, or are not finite.
     """
+    from scipy.special import stdtrit
+
     values, classes = _checked(values, classes)
     means = np.array([_class_weights(classes) @ array.mean(axis=0) for array in values])
     value = float(statistic(means))

@@ -19,8 +19,10 @@ measured. Two limits come from the paper's own numbers. "Approximately the same 
 perfect, when compared to the error incurred over full surfaces" is `share_of_least 0.05`: the paper's share is 1.2 %.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Collection, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,8 +31,10 @@ from palpate.results import model_tables as tables
 from palpate.results import products, published
 from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.model_tables import Frame
 from palpate.results.published import Term, paper_values, stated
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as Frame
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
@@ -168,6 +172,8 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
 
 def _groups(table: Frame) -> Frame:
     """A row for each group of claims and method of the table of claims, the methods of a group below each other."""
+    from pandas import DataFrame as Frame
+
     rows = []
     for group, of_group in table.groupby("group", sort=False):
         for method, members in of_group.groupby("method", sort=False):
@@ -197,7 +203,7 @@ def verdict(bounds: list[tuple[Estimate, float]]) -> str:
     return HOLDS if all(sign == -1 for sign in signs) else UNDECIDED
 
 
-def _errors_by_table(decided: list[Claim], evaluations, rings, touches) -> dict[str, Errors]:
+def _errors_by_table(decided: list[Claim], evaluations: Frame, rings: Frame, touches: Frame) -> dict[str, Errors]:
     """The errors that the claims of each table are decided by."""
 
     def experiments(table: str) -> list[str]:

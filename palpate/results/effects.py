@@ -5,11 +5,12 @@ a `published.Term`. For our methods those that take the place of the paper's are
 `docs/evaluation.md` says what a finding is.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from palpate.experiments import SPLITS
 from palpate.methods import METHODS
@@ -20,13 +21,16 @@ from palpate.results.claims import contrast
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import effects, stated
 
+if TYPE_CHECKING:
+    from pandas import DataFrame as Frame
+
 # The verdict by the sign of a finding, and what stands behind it where a single seed was trained.
 VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}
 ONE_SEED = " (one seed)"
 
 
 @products.table(evaluations="effects", splits=("validation", "test"))
-def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
+def touch_effect(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
     """What touch, more grasps, copying and communication change, in the paper's method and in ours: the Chamfer
     distance (9000 times m²) of one experiment less that of another, paired by object and seed, on both splits. `better`
     and `worse` are findings: the interval excludes 0, and two seeds differ by less. `percent abc`: as published by the
@@ -48,7 +52,7 @@ def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.Da
 
 
 @products.table(evaluations="effects", splits=("validation", "test"))
-def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
+def touch_effect_by_class(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
     """What touch, more grasps, copying and communication change in each class. `error` and its median are those of the
     experiment that is compared with.
 
@@ -72,7 +76,7 @@ def _named(row: dict[str, Any]) -> dict[str, str]:
     return {"effect": row["effect"], "method": METHODS[row["method"]].label, **names}
 
 
-def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, Any], str, Errors]]:
+def _compared(evaluations: Frame) -> Iterator[tuple[dict[str, Any], str, Errors]]:
     """The differences whose experiments were measured, with each split and its errors."""
     chosen = effects(set(evaluations["experiment"]))
     names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
@@ -112,7 +116,7 @@ def _percent(published: Mapping[str, float], row: dict[str, Any]) -> float:
     return 100 * (published.get(one, np.nan) / published.get(other, np.nan) - 1)
 
 
-def _effects_table(rows: list[dict], evaluations: pd.DataFrame, what: str) -> pd.DataFrame:
+def _effects_table(rows: list[dict], evaluations: Frame, what: str) -> Frame:
     """The table of these rows, which evaluations are compared in; its note begins with `what` a difference is."""
     table = tables.frame_of(rows, evaluations["class"])
     if table["percent_abc"].isna().all():

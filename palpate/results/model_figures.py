@@ -3,11 +3,13 @@
 Bands and bars are 95 % bootstrap intervals, as in the tables; dashed lines are the paper's values.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from palpate.experiments import Experiment
 from palpate.methods import METHODS
@@ -16,18 +18,26 @@ from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import Errors, errors
-from palpate.results.page import COLOURS, LABEL, PALE, TITLE, new_figure, save, styled
+from palpate.results.page import COLOURS, LABEL, PALE, TITLE, new_figure, save
 from palpate.results.published import stated
 
-Experiments = tables.Experiments
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame as Frame
+
 # Of colours.
 ORDER = ("charts", "pooled", "template", "pooled_no_copy", "sphere", "no_comm", "no_copy", "mean", "retrieval")
 PANEL = {"left": 0.075, "right": 0.99, "bottom": 0.13, "top": 0.88}  # of the width and height of a row of panels
 
 
 @products.figure(evaluations="grasps")
-@styled
-def multi_grasp(evaluations: tables.Frame, experiments: Experiments, path, split="test", resamples=RESAMPLES) -> None:
+def multi_grasp(
+    evaluations: Frame,
+    experiments: tables.Experiments,
+    path: Path | str,
+    split: str = "test",
+    resamples: int = RESAMPLES,
+) -> None:
     """Chamfer distance with more grasps, relative to that with one, for each method and input; bands are 95 % bootstrap
     intervals, dashed lines the paper's values.
     """
@@ -47,15 +57,13 @@ def multi_grasp(evaluations: tables.Frame, experiments: Experiments, path, split
             axes.plot([*paper], [*paper.values()], "--", color=style["color"], lw=1, label="the paper's values")
     for axes, label in zip(panels, inputs, strict=True):
         axes.axhline(0, color=PALE, lw=0.8, zorder=0)
-        _finish(axes, "Grasps", "Chamfer distance against one grasp", f"{label} ({_size(found, split)})")
-        axes.yaxis.set_major_formatter(PercentFormatter(1))
+        _finish(axes, "Grasps", "Chamfer distance against one grasp", f"{label} ({_size(found, split)})", percent=True)
     save(figure, path)
 
 
 @products.figure(selections="grasp_selection", on_request=True)
-@styled
 def grasp_selection(
-    selections: tables.Frame, experiments: Experiments, path, split="test", resamples=RESAMPLES
+    selections: Frame, experiments: tables.Experiments, path: Path | str, split: str = "test", resamples=RESAMPLES
 ) -> None:
     """Chamfer distance after each grasp that a strategy chose among those stored, relative to the first, with 95 %
     bootstrap intervals. The oracle takes the grasp that leaves the least error.
@@ -68,14 +76,14 @@ def grasp_selection(
         for colour, (strategy, keys) in zip(COLOURS, of_model.items(), strict=False):
             _line(axes, list(keys), _against_first(found, keys, resamples), {"color": colour}, strategy)
         title = f"{setup.method.label}, {setup.input_label}"
-        _finish(axes, "Chosen grasps", "Chamfer distance against the first", title)
-        axes.yaxis.set_major_formatter(PercentFormatter(1))
+        _finish(axes, "Chosen grasps", "Chamfer distance against the first", title, percent=True)
     save(figure, path)
 
 
 @products.figure(rings="extrapolation")
-@styled
-def error_over_rings(rings: tables.Frame, experiments: Experiments, path, split="test", resamples=RESAMPLES) -> None:
+def error_over_rings(
+    rings: Frame, experiments: tables.Experiments, path: Path | str, split: str = "test", resamples: int = RESAMPLES
+) -> None:
     """Mean squared distance from the true surface to the prediction, in square rings around each touch: this run's,
     with 95 % bootstrap intervals, for occluded and unoccluded vision; and the paper's. Charts without communication are
     copied into the mesh and change nothing else. Each panel has its own scale.
@@ -124,17 +132,21 @@ def _line(axes: Axes, x: Sequence[int], estimates: Sequence, style: dict[str, st
     axes.plot(x, value, marker="o", lw=1.6, ms=4, label=label, **style)
 
 
-def _finish(axes: Axes, x: str, y: str, title: str) -> None:
+def _finish(axes: Axes, x: str, y: str, title: str, percent: bool = False) -> None:
+    from matplotlib.ticker import MaxNLocator, PercentFormatter
+
     axes.set_title(title, fontsize=TITLE)
     axes.set_xlabel(x, fontsize=LABEL)
     axes.set_ylabel(y, fontsize=LABEL)
     axes.tick_params(labelsize=LABEL - 1)
     axes.spines[["top", "right"]].set_visible(False)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if percent:
+        axes.yaxis.set_major_formatter(PercentFormatter(1))
     axes.legend(fontsize=LABEL - 1.5, frameon=False)
 
 
-def _size(found, split: str) -> str:
+def _size(found: Errors, split: str) -> str:
     seeds = max(len(values) for values in found.values.values())
     counted = (len(found.objects), "object"), (seeds, "seed")
     counts = (f"{count} {what}{'s' * (count != 1)}" for count, what in counted)

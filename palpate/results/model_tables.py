@@ -15,11 +15,12 @@ Args that they share:
 They raise EvaluationError if an experiment is missing.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from palpate.experiments import Experiment
 from palpate.learning.rows import QUALITY, EvaluationError
@@ -29,6 +30,10 @@ from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import has_papers_classes, paper_values, stated, without_paper
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as Frame
+    from pandas import Series
 
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_ESTIMATES = {"cloud": "local point cloud", "chart": "touch chart"}
@@ -47,11 +52,12 @@ QUALITY_NOTE = (
 )
 
 Experiments = Mapping[str, Experiment]
-Frame = pd.DataFrame
 
 
 @products.table(evaluations="model_selection")
-def model_selection(evaluations: Frame, experiments: Experiments, split="validation", resamples=RESAMPLES) -> Frame:
+def model_selection(
+    evaluations: Frame, experiments: Experiments, split: str = "validation", resamples: int = RESAMPLES
+) -> Frame:
     """Model selection: Chamfer distance (9000 times m²) on the validation split, by class and on average, of the
     paper's twelve models and of ours.
 
@@ -64,14 +70,18 @@ def model_selection(evaluations: Frame, experiments: Experiments, split="validat
 
 
 @products.table(evaluations="input_modalities", splits=("test", "validation"))
-def input_modalities(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def input_modalities(
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Different input modalities: Chamfer distance (9000 times m²) of the paper's model and of ours on the test split,
     by class and on average; and the average on the validation split. Rows of other methods stand beside the paper's
     value of the same inputs.
     """
+    import pandas as pd
+
     table = _errors_by_class("input_modalities", evaluations, experiments, split, resamples)
     other = errors(evaluations, list(experiments), "validation")
-    columns = Frame([error_columns("validation", other, name, resamples) for name in experiments])
+    columns = pd.DataFrame([error_columns("validation", other, name, resamples) for name in experiments])
     place = table.columns.get_loc("average_median") + 1
     joined = pd.concat([table.iloc[:, :place], columns, table.iloc[:, place:]], axis=1)
     joined.attrs = table.attrs
@@ -79,7 +89,7 @@ def input_modalities(evaluations: Frame, experiments: Experiments, split="test",
 
 
 @products.table(evaluations="grasps")
-def grasps(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def grasps(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """More grasps: Chamfer distance (9000 times m²) of models that take 1 to 5 grasps, on the test split.
 
     A row is a setup: experiments that differ in their number of grasps only.
@@ -97,7 +107,7 @@ def grasps(evaluations: Frame, experiments: Experiments, split="test", resamples
 
 
 @products.table(rings="extrapolation")
-def extrapolation(rings: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def extrapolation(rings: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """Around touch sites: mean squared distance from the true surface to the prediction, in square rings of 1 to 5
     times the sensor's size around each touch (ring r lies between r - 1 and r times); in m² as in the paper, and 9000
     times that. Charts without communication are copied into the mesh and change nothing else: what other rows with
@@ -122,7 +132,9 @@ def extrapolation(rings: Frame, experiments: Experiments, split="test", resample
 
 
 @products.table(evaluations="single_image")
-def single_image(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def single_image(
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Reconstruction from single images, by Pixel2Mesh's protocol: Chamfer distance in thousandths, F1 at tau and 2 tau
     in percent. Networks in the manner of PSG, Pixel2Mesh and 3D-R2N2 were built from their publications. Rows marked as
     cited are the paper's, which cites them; they were measured on other objects.
@@ -152,7 +164,7 @@ def single_image(evaluations: Frame, experiments: Experiments, split="test", res
 
 
 @products.table(files=("touches",), splits=("test",))
-def local_touch_charts(touches: Frame, split="test", resamples=RESAMPLES) -> Frame:
+def local_touch_charts(touches: Frame, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """Local predictions at each touch of the test split: Chamfer distance (9000 times m²) of the predicted local point
     cloud, and of the touch chart fitted to it, to the true local cloud.
     """
@@ -168,7 +180,9 @@ def local_touch_charts(touches: Frame, split="test", resamples=RESAMPLES) -> Fra
 
 
 @products.table(evaluations="input_modalities")
-def surface_quality(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def surface_quality(
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Crumpled sheets, torn charts and spikes told apart: angles between adjacent faces (`bend`, `folded`), distances
     between charts that were joined (`gap`), and angles to the true surface (`across`), on the test split.
 
@@ -186,7 +200,7 @@ def surface_quality(evaluations: Frame, experiments: Experiments, split="test", 
 
 
 @products.table(evaluations="retrieval", splits=("test",))
-def retrieval(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """The best trained model of each kind of input beside retrieval, which takes the training object that fits the
     image and the touches best: Chamfer distance (9000 times m²) on the test split, mean and median. Below 1 the ratio
     says that the model is better than a look-up. Best is the lowest mean, of models as of look-ups, chosen after the
@@ -213,7 +227,9 @@ def retrieval(evaluations: Frame, experiments: Experiments, split="test", resamp
 
 
 @products.table(selections="grasp_selection", on_request=True)
-def grasp_selection(selections: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def grasp_selection(
+    selections: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Which grasp next: Chamfer distance (9000 times m²) after up to five grasps, chosen one by one among those stored:
     at random, the farthest from those before, where the model's correction is most uncertain, and by an oracle, which
     takes the one that leaves the least error. `left`: the share of the first error after the last. Cited rows are of
@@ -245,6 +261,8 @@ def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str,
 
     points: of `palpate.learning.tuning.grid`; trainings: the `training.json` of each.
     """
+    from pandas import DataFrame as Frame
+
     table = Frame(summary(points, trainings))
     machines = ", ".join(sorted({training["machine"]["found"] for training in trainings}))
     validated = trainings[0]["validated"]
@@ -325,7 +343,7 @@ def selection_errors(
     return errors(named, [key for keys in chosen.values() for key in keys.values()], split, key="key"), chosen
 
 
-def _by_class(found: Errors, name: str, stated: str, published: pd.Series, resamples: int) -> dict[str, float]:
+def _by_class(found: Errors, name: str, stated: str, published: Series, resamples: int) -> dict[str, float]:
     """An experiment's measured columns and the published ones of the experiment `stated`: each class, then the average
     with its median, and how far two seeds differ in it."""
     row = {}
@@ -361,6 +379,8 @@ def size_columns(found: Errors, *names: str) -> dict[str, Any]:
 
 def frame_of(rows: list[dict], classes: Iterable[str]) -> Frame:
     """The rows as a table, without the paper's columns if none of the classes is the paper's."""
+    from pandas import DataFrame as Frame
+
     return without_paper(Frame(rows), classes).astype({"objects": "Int64", "seeds": "Int64"})
 
 
