@@ -42,11 +42,10 @@ if not options.default_storage_provider:
     workdir: RUN_FOLDER
 
 
-# Simulated stages of the dataset; a released one is read.
-SIMULATED = ["meshes", "surface", "grasps", "touch", "frames", "hold", "vision", "reports"]
-MODELS = ["reconstruction", "touch_charts", "templates", "evaluation"]
-RESULTS = ["products", "results", "known_targets", "targets"]
-for name in ["catalogue", *(["released"] if RELEASED else SIMULATED), *MODELS, *RESULTS]:
+# A file a stage, by its name, in the order of palpate/stages.yaml. Of a released dataset, which is read, those of models.
+STAGE_RULES = [each.name for each in stages.STAGES.values() if not (RELEASED and (each.in_dataset or each.simulated))]
+RESULTS = ["evaluation", "products", "results", "known_targets", "targets"]
+for name in ["catalogue", "released" if RELEASED else "reports", "reconstruction", *STAGE_RULES, *RESULTS]:
 
     include: f"workflow/rules/{name}.smk"
 

@@ -8,7 +8,7 @@ import csv
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,6 +19,7 @@ from palpate.camera import Camera
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, read_record
 from palpate.sensor import DIGIT, Sensor
+from palpate.store.contract import CONTRACT
 from palpate.touch import local_points, shade
 
 if TYPE_CHECKING:
@@ -314,6 +315,33 @@ def rotation_error(rotations: np.ndarray) -> np.ndarray:
     product = np.swapaxes(rotations, -1, -2) @ rotations
     orthonormal = np.abs(product - np.eye(3)).max(axis=(-1, -2))
     return np.maximum(orthonormal, np.abs(np.linalg.det(rotations) - 1))
+
+
+def check_values(stage: str, item: CheckedObject) -> Measured:
+    """The values of one object in a store without checks of its own."""
+    specs = CONTRACT[stage].arrays
+    numbers = {name: values for name, values in item.rows[stage].items() if values.dtype.kind == "f"}
+    yield (
+        "finite",
+        sum(int(np.sum(~np.isfinite(values) & (values != specs[name].fill))) for name, values in numbers.items()),
+    )
+
+
+# The checks of one object's rows of a store, by its stage; those of another stage are `check_values`.
+OF_STAGE: dict[str, Callable[[CheckedObject], Measured]] = {
+    "surface": check_surface,
+    "grasps": check_grasps,
+    "touch": check_touch,
+    "frames": check_frames,
+    "hold": check_hold,
+    "vision": check_vision,
+    "frame_images": check_frame_images,
+}
+
+
+def of_stage(stage: str) -> Callable[[CheckedObject], Measured]:
+    """The checks of one object's rows of a stage's store."""
+    return OF_STAGE.get(stage) or partial(check_values, stage)
 
 
 SENSED = ("depth", "position", "rotation", "points", "reading")  # of one sensor
