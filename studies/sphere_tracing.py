@@ -23,10 +23,11 @@ class SphereTracer(RayCaster):
         """As for `RayCaster`; `tolerance` in metres."""
         super().__init__(mesh, object_position, sensor)
         self._tolerance = tolerance
-        vertices = self._mesh.triangles.reshape(-1, 3)
+        vertices = self.mesh.triangles.reshape(-1, 3)
         self._surface = Surface(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
-    def _depth(self, origin, rotation, block: Block) -> np.ndarray:
+    def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
+        """As `RayCaster.block_depth`, by sphere tracing."""
         plane = self.sensor.plane[block]
         start = plane.reshape(-1, 3) @ rotation.T + origin
         travelled = np.zeros(len(start))

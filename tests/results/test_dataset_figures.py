@@ -203,8 +203,8 @@ def test_the_closing_shows_frames_evenly_and_rests_at_the_last(dataset, monkeypa
 
 def test_poses_are_rendered_in_one_session_and_each_as_if_it_were_alone(dataset, monkeypatch):
     """The object's file is read once; of each pose the same bytes come from a new Blender scene of its own."""
-    scenes, files, read = [], [], Renderer._read_file
-    monkeypatch.setattr(Renderer, "_read_file", lambda self, path: (files.append(path), read(self, path)))
+    scenes, files, read = [], [], Renderer.read_file
+    monkeypatch.setattr(Renderer, "read_file", lambda self, path: (files.append(path), read(self, path)))
     monkeypatch.setattr(figures, "Scene", lambda *given, **others: scenes.append(Scene(*given, **others)) or scenes[-1])
     grasp = example_grasp(dataset)
     opened = grasp.object.hand.forward(grasp.palm_pose, grasp.object.hand.open_joint_positions)
