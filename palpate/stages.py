@@ -63,7 +63,8 @@ class Stage:
 
 
 def _stage(name: str, row: Mapping[str, Any]) -> Stage:
-    return Stage(name, **{key: tuple(value) if isinstance(value, list) else value for key, value in row.items()})
+    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
+    return Stage(name, **values)
 
 
 _ROWS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))

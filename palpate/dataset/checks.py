@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.camera import Camera
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, read_record
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, Geometry, load_visual, read_record
 from palpate.sensor import DIGIT, Sensor
 from palpate.store.contract import CONTRACT
 from palpate.touch import local_points, shade
@@ -78,6 +78,13 @@ class CheckedObject:
     hand: Hand | None = None
     sensor: Sensor = DIGIT
 
+    @property
+    def required_hand(self) -> Hand:
+        """The hand, for the checks that need one. Raises ValueError without it."""
+        if self.hand is None:
+            raise ValueError(f"{self.folder}: the grasps of this object have no hand")
+        return self.hand
+
     @cached_property
     def mesh(self) -> "trimesh.Trimesh":
         """The visual mesh in the world."""
@@ -136,7 +143,7 @@ def check_surface(item: CheckedObject) -> Measured:
 
 def check_grasps(item: CheckedObject) -> Measured:
     """The grasps of one object."""
-    rows, hand = item.rows["grasps"], item.hand
+    rows, hand = item.rows["grasps"], item.required_hand
     number = len(rows["palm_pose"])
     affine = np.abs(rows["palm_pose"][:, 3] - [0, 0, 0, 1]).max(axis=1)
     yield "rotation", np.maximum(rotation_error(rows["palm_pose"][:, :3, :3]), affine)
@@ -170,7 +177,7 @@ def check_touch(item: CheckedObject) -> Measured:
 
 def check_frames(item: CheckedObject) -> Measured:
     """The frames of one object's grasps."""
-    rows, hand = item.rows["frames"], item.hand
+    rows, hand = item.rows["frames"], item.required_hand
     grasps = len(rows["time"])
     numeric = [rows[name].reshape(grasps, -1) for name in rows if name not in ("object", "success", "depth")]
     yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
@@ -209,8 +216,8 @@ def _check_contacts(rows: dict[str, np.ndarray], hand: Hand) -> Measured:
     ]
     pushes = (mine * force[..., None, :])[..., None] * normal[..., None, :, :]  # (g, f, s, a, 3), in the world
     arms = rows["contact_position"][..., None, :, :] - rows["sensor_position"][..., None, :]
-    sums = [each.sum(axis=-2)[..., None, :] for each in (pushes, np.cross(arms, pushes))]
-    expected = np.concatenate([each @ rows["sensor_rotation"] for each in sums], axis=-1)[..., 0, :]
+    sums = [vectors.sum(axis=-2)[..., None, :] for vectors in (pushes, np.cross(arms, pushes))]
+    expected = np.concatenate([total @ rows["sensor_rotation"] for total in sums], axis=-1)[..., 0, :]
     error = np.abs(rows["sensor_wrench"] - expected).max(axis=(-2, -1))
     yield "wrench", np.where(count <= force.shape[-1], error, 0).max(axis=1)
 
@@ -347,16 +354,19 @@ def of_stage(stage: str) -> Callable[[CheckedObject], Measured]:
 SENSED = ("depth", "position", "rotation", "points", "reading")  # of one sensor
 
 
-def _each_sensor(item: CheckedObject, error: Callable) -> np.ndarray:
-    """`error` of each sensor."""
+def _each_sensor(item: CheckedObject, error: Callable[..., float]) -> np.ndarray:
+    """`error` of each sensor (g, s): of the sensor's kind, and its arrays `SENSED` as keywords."""
     rows = item.rows["touch"]
     result = np.zeros(rows["success"].shape)
     for index in np.ndindex(result.shape):
-        result[index] = error(item.sensor, *(rows[name][index] for name in SENSED))
+        result[index] = error(item.sensor, **{name: rows[name][index] for name in SENSED})
     return result
 
 
-def _points_error(sensor, depth, position, rotation, points, reading) -> float:
+def _points_error(
+    sensor: Sensor, depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, points: np.ndarray, **_: np.ndarray
+) -> float:
+    """Largest difference of a stored cloud from that of the depth map, m."""
     try:
         expected = local_points(depth, position, rotation, sensor)
     except ValueError:  # no position at all, or one that no point can be stored at
@@ -364,7 +374,8 @@ def _points_error(sensor, depth, position, rotation, points, reading) -> float:
     return np.abs(points - np.pad(expected, ((0, len(points) - len(expected)), (0, 0)))).max()
 
 
-def _reading_error(sensor, depth, position, rotation, points, reading) -> float:
+def _reading_error(sensor: Sensor, depth: np.ndarray, reading: np.ndarray, **_: np.ndarray) -> float:
+    """Largest difference of a stored reading from the shading of the depth map, grey levels."""
     if not np.isfinite(depth).any():  # of a sensor that touched nothing, none is stored
         return float(reading.max())
     return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
@@ -398,7 +409,7 @@ def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
 
     camera = pictures.camera
     rays = camera.rays().reshape(-1, 3)
-    mesh = RayMesh(item.mesh)
+    mesh = RayMesh(Geometry(np.asarray(item.mesh.vertices), np.asarray(item.mesh.faces)))
     face = mesh.first_face(np.broadcast_to(camera.position, rays.shape), rays)
     hit = face >= 0
     normal, corner = mesh.normals[face[hit]], mesh.triangles[face[hit], 0]
@@ -406,12 +417,12 @@ def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
     first = np.full(len(rays), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
         first[hit] = np.einsum("ni,ni->n", normal, corner - camera.position) / ahead
-    seen, found = pictures.mask.ravel(), pictures.depth.ravel()
+    seen, depth = pictures.mask.ravel(), pictures.depth.ravel()
     with np.errstate(invalid="ignore"):  # inf - inf
-        differs = (hit != seen) | (hit & ~(np.abs(first - found) <= _step(first)))
+        differs = (hit != seen) | (hit & ~(np.abs(first - depth) <= _step(first)))
     if item.see_through:
-        differs &= ~(hit & (found > first))
-    return _share(differs.sum(), hit.sum())
+        differs &= ~(hit & (depth > first))
+    return float(_share(differs.sum(), hit.sum()))
 
 
 def _occlusion_error(pictures: _Pictures) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from palpate.architectures import PAPER_ARCHITECTURES
 from palpate.camera import IMAGE_SIZE
@@ -35,21 +35,21 @@ def operation(layer: nn.Module) -> str:
             value if isinstance(value, tuple) else (value,) * 2 for value in (layer.kernel_size, layer.stride)
         )
         return f"{name} ({size[0]} x {size[1]})" + ("" if real[0] == stride else f" (stride {real[0]})")
-    return WORDS.get(kind) or " + ".join(map(operation, layer))
+    return WORDS.get(kind) or " + ".join(map(operation, cast("nn.Sequential", layer)))
 
 
 class Listing:
     """Rows of index, input, operation and shape; steps are counted from 1."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.rows: list[dict[str, str]] = []
 
     def add(self, operation: str, shape: tuple[int, ...] | int, *sources: str, index: str | None = None) -> str:
         """Adds a row and returns its name. shape: C, H, W of a map, or a vertex's channels."""
         steps = sum(row["index"].isdigit() for row in self.rows)
         row = {"index": index or str(1 + steps), "input": " ".join(sources), "operation": operation}
-        per_vertex = isinstance(shape, int)
-        self.rows.append(row | {"shape": f"|V| x {shape}" if per_vertex else " x ".join(map(str, shape))})
+        size = f"|V| x {shape}" if isinstance(shape, int) else " x ".join(map(str, shape))
+        self.rows.append(row | {"shape": size})
         return operation if index else f"({1 + steps})"
 
     def run(self, layer: nn.Module, source: tuple[str, Tensor]) -> tuple[str, Tensor]:
@@ -77,7 +77,8 @@ def read_layers(module: Reconstruction | TouchDepth, image: Tensor | None = None
     return sorted(listing.rows, key=lambda row: row["index"].isdigit())
 
 
-def _unet_layers(model: TouchDepth, reading: Tensor, listing: Listing) -> None:
+def _unet_layers(model: Any, reading: Any, listing: Listing) -> None:
+    """Those of a `TouchDepth`; of its layers PyTorch declares no types."""
     import torch
 
     x = listing.add("Input", reading.shape[1:], index="image"), reading
@@ -94,7 +95,8 @@ def _unet_layers(model: TouchDepth, reading: Tensor, listing: Listing) -> None:
     listing.run(model.depth, x)
 
 
-def _reconstruction_layers(model: Reconstruction, image: Tensor | None, listing: Listing) -> None:
+def _reconstruction_layers(model: Any, image: Tensor | None, listing: Listing) -> None:
+    """Those of a `Reconstruction`."""
     own = source = VERTICES
     channels = model.gcn.layers[0].weight.shape[0]
     if image is not None:

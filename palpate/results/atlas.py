@@ -4,6 +4,7 @@ After the paper's figure "Initial positions of vision charts in a closed sphere"
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def draw(path: Path | str) -> None:
     towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
     shown = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ towards > 0
     figure = new_figure(SIZE, SIZE)
-    axes = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho")
+    axes: Any = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho")
     style = {"edgecolors": INK, "linewidths": 0.35, "shade": True, "lightsource": LightSource(200, 40)}
     axes.add_collection3d(Poly3DCollection(corners[shown], facecolors=colours[shown], **style))
     reach = ATLAS_RADIUS * (1 + EXPLOSION)

@@ -49,7 +49,11 @@ def _first(means: np.ndarray) -> np.ndarray:
 
 
 def interval(
-    values: Sequence[np.ndarray], classes: np.ndarray, statistic: Statistic = _first, resamples=RESAMPLES, seed=SEED
+    values: Sequence[np.ndarray],
+    classes: np.ndarray,
+    statistic: Statistic = _first,
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
 ) -> Estimate:
     """A statistic of the experiments' averages, with its bootstrap interval.
 
@@ -121,7 +125,7 @@ def _ratio(means: np.ndarray) -> np.ndarray:
     return np.divide(first, second, out=np.full_like(first, np.nan), where=second > 0)
 
 
-def _checked(values, classes) -> tuple[list[np.ndarray], np.ndarray]:
+def _checked(values: Sequence[np.ndarray], classes: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
     values = [np.atleast_2d(np.asarray(array, dtype=float)) for array in values]
     classes = np.asarray(classes)
     shapes = [array.shape for array in values]
@@ -140,7 +144,9 @@ def _class_weights(classes: np.ndarray) -> np.ndarray:
     return 1 / (len(counts) * counts[index])
 
 
-def _replicates(values, classes, resamples: int, rng: np.random.Generator) -> np.ndarray:
+def _replicates(
+    values: Sequence[np.ndarray], classes: np.ndarray, resamples: int, rng: np.random.Generator
+) -> np.ndarray:
     """(resamples, experiments) averages over objects and seeds that were drawn."""
     weights = np.zeros((resamples, len(classes)))
     for name in np.unique(classes):
@@ -160,13 +166,13 @@ def _drawn(count: int, resamples: int, rng: np.random.Generator) -> np.ndarray:
     return rng.multinomial(count - 1, np.full(count, 1 / count), size=resamples) / (count - 1)
 
 
-def _slopes(statistic, means: np.ndarray) -> np.ndarray:
+def _slopes(statistic: Statistic, means: np.ndarray) -> np.ndarray:
     """(experiments,) derivatives of the statistic at the averages, by central differences."""
     step = np.diag(STEP * np.maximum(np.abs(means), 1e-12))
     return (statistic(means + step) - statistic(means - step)) / (2 * np.diag(step))
 
 
-def _degrees_of_freedom(values, classes, slopes: np.ndarray) -> float:
+def _degrees_of_freedom(values: Sequence[np.ndarray], classes: np.ndarray, slopes: np.ndarray) -> float:
     """Welch and Satterthwaite's, of the statistic to first order; nan where a class has a single object."""
     by_object = sum(slope * array.mean(axis=0) for slope, array in zip(slopes, values, strict=True))
     names, counts = np.unique(classes, return_counts=True)

@@ -16,7 +16,7 @@ from PIL import Image
 
 from palpate import vision
 from palpate.camera import Camera, looking_at
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_geometry
 from palpate.results import products
 from palpate.results.hand_sheet import posed_geoms
 from palpate.results.page import COLOURS, figure_image, picture_grid, save, save_sentence
@@ -164,7 +164,7 @@ def clear_view(record: ObjectRecord, points: np.ndarray) -> np.ndarray:
     the points (n, 3), world frame."""
     from palpate.surface.embree import RayMesh  # embree: after Blender
 
-    mesh, tilt = RayMesh(load_visual(record.mesh)), np.radians(ELEVATION)
+    mesh, tilt = RayMesh(load_geometry(record.mesh)), np.radians(ELEVATION)
     turns = np.radians(AZIMUTHS)
     level = np.cos(tilt) * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     directions = np.column_stack([level, np.full(len(turns), np.sin(tilt))])
@@ -222,11 +222,12 @@ def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
         column, row = np.clip(np.nan_to_num(pixels).astype(int), 0, camera.size - 1).T
         behind = depth - alone.unoccluded_depth[row, column] > BEHIND * depth / camera.focal_length
         colour = 1 - np.where(behind, HIDDEN, 1)[:, None] * (1 - np.array(to_rgb(_site_colour(sensor))))
-        axes.scatter(*(pixels - 0.5).T, SITE_POINT**2, colour, linewidths=0)  # the first pixel's centre is at 0
+        x, y = (pixels - 0.5).T  # the first pixel's centre is at 0
+        axes.scatter(x, y, s=SITE_POINT**2, c=colour, linewidths=0)
     seen = np.argwhere(alone.unoccluded_mask)
     low, high = seen.min(axis=0), seen.max(axis=0)
-    (y, x), reach = (low + high) / 2, MARGIN * (high - low).max() / 2
-    axes.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach))
+    (row, column), reach = (low + high) / 2, MARGIN * (high - low).max() / 2
+    axes.set(xlim=(column - reach, column + reach), ylim=(row + reach, row - reach))
 
 
 def _site_colour(sensor: int) -> str:

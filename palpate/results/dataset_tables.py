@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -77,10 +77,11 @@ def dataset_statistics(frames: Frames) -> DataFrame:
         kept = members[members["object"].isin(class_grasps["object"])]
         by_object = _by_object(class_grasps)
         successful = _share(by_object, "successful_touches", "touches")
-        quantities = {"objects": len(kept), "grasps": len(class_grasps), "touches": int(class_grasps["touches"].sum())}
+        quantities: dict[str, float] = {"objects": len(kept), "grasps": len(class_grasps)}
+        quantities["touches"] = int(class_grasps["touches"].sum())
         quantities["successful_percent"] = 100 * successful.value
         quantities |= {split: int((kept["split"] == split).sum()) for split in SPLITS}
-        row = {"class": name}
+        row: dict[str, Any] = {"class": name}
         for quantity, value in quantities.items():
             row[quantity] = value
             if quantity == "successful_percent":
@@ -118,7 +119,8 @@ def grasp_success(frames: Frames) -> DataFrame:
         for touches in range(sensors + 1):
             by_object = _by_object(class_grasps.assign(hit=class_grasps["successful_touches"] == touches, one=1))
             share = _share(by_object, "hit", "one")
-            row = {"class": name, "objects": len(by_object), "grasps": len(class_grasps), "successful_touches": touches}
+            row: dict[str, Any] = {"class": name, "objects": len(by_object), "grasps": len(class_grasps)}
+            row["successful_touches"] = touches
             row |= {"percent": 100 * share.value, "percent_low": 100 * share.low, "percent_high": 100 * share.high}
             rows.append(row | {"percent_paper": published.get((name, touches), np.nan)})
     table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="percent")

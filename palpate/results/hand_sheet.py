@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,9 +37,9 @@ def check_sheet(hand: Hand, sensor: Sensor, pictures: Mapping[str, np.ndarray]) 
     figure.suptitle(f"{title}\n{LEGEND}", fontsize=TITLE - 1, y=1 - 0.1 / height)
     for number, azimuth in enumerate(VIEWS):
         place = (number / len(VIEWS), ROW * rows / height, 1 / len(VIEWS), (HAND - 0.5) / height)
-        axes = figure.add_axes(place, projection="3d", computed_zorder=False)
-        _draw_hand(axes, hand, sensor)
-        axes.view_init(elev=22, azim=azimuth)
+        panel: Any = figure.add_axes(place, projection="3d", computed_zorder=False)
+        _draw_hand(panel, hand, sensor)
+        panel.view_init(elev=22, azim=azimuth)
     for number, (title, picture) in enumerate(pictures.items()):
         row, column = divmod(number, COLUMNS)
         place = (column / COLUMNS, (ROW * (rows - 1 - row) + 0.05) / height, 0.98 / COLUMNS, (ROW - 0.35) / height)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from palpate.results.published import stated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
     from pandas import DataFrame as Frame
 
 # Of colours.
@@ -63,7 +64,11 @@ def multi_grasp(
 
 @products.figure(selections="grasp_selection", on_request=True)
 def grasp_selection(
-    selections: Frame, experiments: tables.Experiments, path: Path | str, split: str = "test", resamples=RESAMPLES
+    selections: Frame,
+    experiments: tables.Experiments,
+    path: Path | str,
+    split: str = "test",
+    resamples: int = RESAMPLES,
 ) -> None:
     """Chamfer distance after each grasp that a strategy chose among those stored, relative to the first, with 95 %
     bootstrap intervals. The oracle takes the grasp that leaves the least error.
@@ -119,14 +124,14 @@ def _against_first(found: Errors, keys: Mapping[int, str], resamples: int) -> np
     return np.maximum(estimates, -1)  # errors are not negative
 
 
-def _style(setup: Experiment) -> dict[str, str]:
+def _style(setup: Experiment) -> dict[str, Any]:
     """Colour and dashes of a line: vision alone is dotted."""
     method = setup.method.name
     number = ORDER.index(method) if method in ORDER else list(METHODS).index(method)
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": "-" if setup.touch else ":"}
 
 
-def _line(axes: Axes, x: Sequence[int], estimates: Sequence, style: dict[str, str], label: str) -> None:
+def _line(axes: Axes, x: Sequence[int], estimates: ArrayLike, style: dict[str, Any], label: str) -> None:
     value, low, high = np.array(estimates).T
     axes.fill_between(x, low, high, color=style["color"], alpha=0.12, lw=0)
     axes.plot(x, value, marker="o", lw=1.6, ms=4, label=label, **style)

@@ -192,7 +192,7 @@ def surface_quality(
     scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
     rows = []
     for name, experiment in experiments.items():
-        row = {"experiment": name, **_inputs(experiment)}
+        row: dict[str, Any] = {"experiment": name, **_inputs(experiment)}
         for column, label in QUALITY_LABELS.items():
             row |= interval_columns(label, scores[column].estimate([name], resamples=resamples))
         rows.append(row | size_columns(scores["bend"], name))
@@ -346,7 +346,7 @@ def selection_errors(
 def _by_class(found: Errors, name: str, stated: str, published: Series, resamples: int) -> dict[str, float]:
     """An experiment's measured columns and the published ones of the experiment `stated`: each class, then the average
     with its median, and how far two seeds differ in it."""
-    row = {}
+    row: dict[str, float] = {}
     for label in found.class_names:
         row |= interval_columns(label, found.of_class(label).estimate([name], resamples=resamples))
         row[f"{label}_paper"] = published.get((stated, label), np.nan)

@@ -21,14 +21,17 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F
 TITLE, LABEL = 11, 8.5  # points
 LINE = 0.17  # inches, of a line of either
 # Not the user's: a figure is the same everywhere. DejaVu Sans comes with matplotlib.
-STYLE = ["default", {"font.family": "DejaVu Sans", "text.color": INK, "axes.titlecolor": INK}]
+STYLE: tuple[str, dict[str, str]] = (
+    "default",
+    {"font.family": "DejaVu Sans", "text.color": INK, "axes.titlecolor": INK},
+)
 
 
 @contextmanager
 def _style() -> Iterator[None]:
     import matplotlib.style
 
-    with matplotlib.style.context(STYLE):
+    with matplotlib.style.context(("default", STYLE)):
         yield
 
 
@@ -41,7 +44,7 @@ def new_figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=DPI)
-    FigureCanvasAgg(figure)
+    FigureCanvasAgg(figure)  # which draws it
     return figure
 
 
@@ -89,10 +92,12 @@ def save(figure: Figure, path: Path | str) -> None:
 
 def figure_image(figure: Figure) -> Image:
     """A figure as an image, RGB."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    figure.canvas.draw()
-    return Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
 
 @styled

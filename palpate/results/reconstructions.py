@@ -70,8 +70,10 @@ def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Pa
         "ground\ntruth": [render(record, clay(record)) for record in records],
     }
     for name, (inputs, counts) in MODELS.items():
-        reconstructor = Reconstructor(models[name]) if name in models else None
-        for count in counts if reconstructor else ():
+        if name not in models:
+            continue
+        reconstructor = Reconstructor(models[name])
+        for count in counts:
             pictures = columns[f"{inputs}\n{count} grasp{'s' * (count > 1)}" if count else f"{inputs}\nalone"] = []
             for record in records:
                 image, touches, *rest = of_object(record, reconstructor.experiment, range(max(count, 1)))
@@ -106,4 +108,4 @@ def clay(record: ObjectRecord) -> Mesh:
     if not (record.mesh / "visual.glb").exists():
         return spheres(record.points, POINT, CLAY, segments=1)
     mesh = load_visual(record.mesh)
-    return Mesh(mesh.vertices + OBJECT_POSITION, mesh.faces, CLAY)
+    return Mesh(mesh.vertices + OBJECT_POSITION, mesh.faces, np.array(CLAY))
