@@ -21,10 +21,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F
 TITLE, LABEL = 11, 8.5  # points
 LINE = 0.17  # inches, of a line of either
 # Not the user's: a figure is the same everywhere. DejaVu Sans comes with matplotlib.
-STYLE: tuple[str, dict[str, str]] = (
-    "default",
-    {"font.family": "DejaVu Sans", "text.color": INK, "axes.titlecolor": INK},
-)
+STYLE = {"font.family": "DejaVu Sans", "text.color": INK, "axes.titlecolor": INK}
 
 
 @contextmanager
