@@ -58,7 +58,7 @@ class Stage:
     @property
     def rejecting(self) -> tuple[str, ...]:
         """The stages that may have rejected an object that its output lacks: the last one first."""
-        before = [name for each in reversed(self.reads) for name in STAGES[each].rejecting]
+        before = [name for stage in reversed(self.reads) for name in STAGES[stage].rejecting]
         return tuple(dict.fromkeys([self.name] * self.rejects + before))
 
 

@@ -127,12 +127,12 @@ def compare(model: str, rows: list[dict[str, str]]) -> DataFrame:
     from pandas import DataFrame
 
     paper, known, live = (
-        {row["index"]: row for row in each}
-        for each in (paper_rows("architectures", model), paper_rows("contradictions", model), rows)
+        {row["index"]: row for row in listed}
+        for listed in (paper_rows("architectures", model), paper_rows("contradictions", model), rows)
     )
     table = []
     for index in dict.fromkeys([*paper, *live]):
-        published, measured, remark = (each.get(index, {}) for each in (paper, live, known))
+        published, measured, remark = (listed.get(index, {}) for listed in (paper, live, known))
         line: dict[str, str | None] = {"index": index}
         for field in FIELDS:
             line |= {f"{field}_paper": published.get(field), field: measured.get(field)}

@@ -33,6 +33,10 @@ class Estimate(NamedTuple):
         """The same number, its interval clipped to the range of possible values."""
         return self._replace(low=float(np.clip(self.low, least, most)), high=float(np.clip(self.high, least, most)))
 
+    def columns(self, label: str, scale: float = 1.0) -> dict[str, float]:
+        """The columns of a table with the number and its interval, times `scale`."""
+        return {label: scale * self.value, f"{label}_low": scale * self.low, f"{label}_high": scale * self.high}
+
     def sign(self, spread: float = np.nan) -> int:
         """-1 or 1 if the number is a finding, 0 if it is undecided.
 
@@ -113,10 +117,10 @@ def ratio_interval(numerator: np.ndarray, denominator: np.ndarray, classes: np.n
         return Estimate(np.nan, np.nan, np.nan)
     # `interval` averages over classes; weighed by their sizes, its averages are sums over all objects.
     _, index, counts = np.unique(classes, return_inverse=True, return_counts=True)
-    found = interval([numerator * counts[index], denominator * counts[index]], classes, _ratio)
-    if not found.low < found.high:
-        found = found._replace(low=np.nan, high=np.nan)
-    return found._replace(value=float(numerator.sum() / total))
+    _, low, high = interval([numerator * counts[index], denominator * counts[index]], classes, _ratio)
+    if not low < high:
+        low = high = np.nan
+    return Estimate(float(numerator.sum() / total), low, high)
 
 
 def _ratio(means: np.ndarray) -> np.ndarray:

@@ -120,8 +120,7 @@ def grasp_success(frames: Frames) -> DataFrame:
             by_object = _by_object(class_grasps.assign(hit=class_grasps["successful_touches"] == touches, one=1))
             share = _share(by_object, "hit", "one")
             row: dict[str, Any] = {"class": name, "objects": len(by_object), "grasps": len(class_grasps)}
-            row["successful_touches"] = touches
-            row |= {"percent": 100 * share.value, "percent_low": 100 * share.low, "percent_high": 100 * share.high}
+            row |= {"successful_touches": touches, **share.columns("percent", 100)}
             rows.append(row | {"percent_paper": published.get((name, touches), np.nan)})
     table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="percent")
     table.attrs["note"] = _size_note(objects, grasps)
@@ -151,9 +150,7 @@ def hold(dataset: Dataset) -> DataFrame:
             by_object = _by_object(of_objects)
             row = {"class": name, "touches": touches, "objects": len(by_object), "grasps": len(of_objects)}
             for share in shares:
-                found = _share(by_object, share, "one")
-                row |= {f"{share}_percent": 100 * found.value}
-                row |= {f"{share}_percent_low": 100 * found.low, f"{share}_percent_high": 100 * found.high}
+                row |= _share(by_object, share, "one").columns(f"{share}_percent", 100)
             rows.append(row | {"not_simulated": int((~chosen["simulated"]).sum())})
     return pd.DataFrame(rows).round(2)
 

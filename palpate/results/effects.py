@@ -18,7 +18,7 @@ from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
-from palpate.results.errors import AVERAGE, Errors, errors
+from palpate.results.errors import AVERAGE, Errors, errors, ratio
 from palpate.results.published import effects, stated
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ def touch_effect(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
     different seeds.
     """
     rows, abc = [], stated("abc")
-    for row, split, found in _compared(evaluations):
-        difference = _difference(found, row, _stated(split, AVERAGE), abc, resamples)
+    for row, split, measured in _compared(evaluations):
+        difference = _difference(measured, row, _stated(split, AVERAGE), abc, resamples)
         rows.append(_named(row) | {"split": split} | difference)
     return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
 
@@ -61,9 +61,9 @@ def touch_effect_by_class(evaluations: Frame, resamples: int = RESAMPLES) -> Fra
     rows = []
     for row, split, whole in _compared(evaluations):
         for name in whole.class_names:
-            found, other = whole.of_class(name), [row["compared_with"]]
-            known = {"class": name, "error": found.values[other[0]].mean(), "error_median": found.median(other)}
-            difference = _difference(found, row, _stated(split, name), {}, resamples)
+            measured, other = whole.of_class(name), [row["compared_with"]]
+            known = {"class": name, "error": measured.values[other[0]].mean(), "error_median": measured.median(other)}
+            difference = _difference(measured, row, _stated(split, name), {}, resamples)
             rows.append(_named(row) | {"split": split, **known, **difference})
     return _effects_table(
         rows, evaluations, "`error` is that of what it is compared with. A difference is between averages of the class"
@@ -82,26 +82,26 @@ def _compared(evaluations: Frame) -> Iterator[tuple[dict[str, Any], str, Errors]
     names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
     by_split = {split: errors(evaluations, names, split) for split in SPLITS}
     for row in chosen:
-        for split, found in by_split.items():
-            yield row, split, found
+        for split, measured in by_split.items():
+            yield row, split, measured
 
 
 def _difference(
-    found: Errors, row: dict[str, Any], paper: dict[str, float], abc: dict[str, float], resamples: int
+    measured: Errors, row: dict[str, Any], paper: dict[str, float], abc: dict[str, float], resamples: int
 ) -> dict[str, Any]:
     """The columns of a difference of two experiments' averages, from `difference` on; `paper` has the paper's, `abc`
     those of ABC objects."""
     pair = row["experiment"], row["compared_with"]
     (difference,) = contrast(1, -1)
-    estimate = found.estimate(pair, difference, resamples)
-    percent = found.estimate(pair, lambda means: 100 * (means[..., 0] / means[..., 1] - 1), resamples)
-    spread = found.between_seeds(pair, difference)
-    sizes = tables.size_columns(found, *pair)
+    estimate = measured.estimate(pair, difference, resamples)
+    percent = measured.estimate(pair, lambda means: 100 * (ratio(means) - 1), resamples)
+    spread = measured.between_seeds(pair, difference)
+    sizes = tables.size_columns(measured, *pair)
     sign = estimate.sign(spread)
     return {
-        **tables.interval_columns("difference", estimate),
-        "difference_median": found.median(pair, difference),
-        **tables.interval_columns("percent", percent),
+        **estimate.columns("difference"),
+        "difference_median": measured.median(pair, difference),
+        **percent.columns("percent"),
         "percent_paper": _percent(paper, row),
         "percent_abc": _percent(abc, row),
         "between_seeds": spread,

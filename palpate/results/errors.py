@@ -33,8 +33,8 @@ class Errors(NamedTuple):
     @property
     def class_names(self) -> list[str]:
         """The classes, the paper's first and in its order."""
-        found = sorted(set(self.classes))
-        return [name for name in PAPER_CLASSES if name in found] + [name for name in found if name not in PAPER_CLASSES]
+        names = sorted(set(self.classes))
+        return [name for name in PAPER_CLASSES if name in names] + [name for name in names if name not in PAPER_CLASSES]
 
     def of_class(self, name: str) -> Errors:
         """The errors on the objects of one class."""
@@ -67,6 +67,11 @@ class Errors(NamedTuple):
             return np.nan
         values = [self.values[name] for name in experiments]
         return between_seeds(values, self.classes, *([statistic] if statistic else []))
+
+
+def ratio(means: np.ndarray) -> np.ndarray:
+    """The statistic of two experiments: the first average over the second."""
+    return means[..., 0] / means[..., 1]
 
 
 def errors(

@@ -17,7 +17,7 @@ from palpate.protocol import RINGS
 from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
-from palpate.results.errors import Errors, errors
+from palpate.results.errors import Errors, errors, ratio
 from palpate.results.page import COLOURS, LABEL, PALE, TITLE, new_figure, save
 from palpate.results.published import stated
 
@@ -42,7 +42,7 @@ def multi_grasp(
     """Chamfer distance with more grasps, relative to that with one, for each method and input; bands are 95 % bootstrap
     intervals, dashed lines the paper's values.
     """
-    found = errors(evaluations, list(experiments), split)
+    measured = errors(evaluations, list(experiments), split)
     published = stated("grasps")
     setups = tables.setups(experiments)
     inputs = list(dict.fromkeys(label for _, label in setups))
@@ -52,13 +52,15 @@ def multi_grasp(
         axes, keys = panels[inputs.index(label)], dict(sorted(members.items()))
         first = next(iter(keys.values()))
         style = _style(experiments[first])
-        _line(axes, list(keys), _against_first(found, keys, resamples), style, method)
+        _line(axes, list(keys), _against_first(measured, keys, resamples), style, method)
         if first in published:
             paper = {count: published[key] / published[first] - 1 for count, key in keys.items() if key in published}
             axes.plot([*paper], [*paper.values()], "--", color=style["color"], lw=1, label="the paper's values")
     for axes, label in zip(panels, inputs, strict=True):
         axes.axhline(0, color=PALE, lw=0.8, zorder=0)
-        _finish(axes, "Grasps", "Chamfer distance against one grasp", f"{label} ({_size(found, split)})", percent=True)
+        _finish(
+            axes, "Grasps", "Chamfer distance against one grasp", f"{label} ({_size(measured, split)})", percent=True
+        )
     save(figure, path)
 
 
@@ -73,13 +75,13 @@ def grasp_selection(
     """Chamfer distance after each grasp that a strategy chose among those stored, relative to the first, with 95 %
     bootstrap intervals. The oracle takes the grasp that leaves the least error.
     """
-    found, chosen = tables.selection_errors(selections, experiments, split)
+    measured, chosen = tables.selection_errors(selections, experiments, split)
     figure = new_figure(5 * len(experiments) + 1, 4)
     panels = figure.subplots(1, len(experiments), squeeze=False, sharey=True, gridspec_kw=PANEL)[0]
     for axes, (name, setup) in zip(panels, experiments.items(), strict=True):
         of_model = {strategy: keys for (model, strategy), keys in chosen.items() if model == name}
         for colour, (strategy, keys) in zip(COLOURS, of_model.items(), strict=False):
-            _line(axes, list(keys), _against_first(found, keys, resamples), {"color": colour}, strategy)
+            _line(axes, list(keys), _against_first(measured, keys, resamples), {"color": colour}, strategy)
         title = f"{setup.method.label}, {setup.input_label}"
         _finish(axes, "Chosen grasps", "Chamfer distance against the first", title, percent=True)
     save(figure, path)
@@ -93,20 +95,20 @@ def error_over_rings(
     with 95 % bootstrap intervals, for occluded and unoccluded vision; and the paper's. Charts without communication are
     copied into the mesh and change nothing else. Each panel has its own scale.
     """
-    found = tables.ring_errors(rings, list(experiments), split)
+    measured = tables.ring_errors(rings, list(experiments), split)
     published = stated("extrapolation")
-    images = list(dict.fromkeys(each.vision for each in experiments.values()))
+    images = list(dict.fromkeys(experiment.vision for experiment in experiments.values()))
     figure = new_figure(4.5 * len(images) + 4.5, 5.2)
     *panels, papers = figure.subplots(1, len(images) + 1, gridspec_kw=PANEL | {"bottom": 0.4, "top": 0.9})
     for name, setup in experiments.items():
         place, inputs = images.index(setup.vision), setup.input_label
-        estimates = [found.estimate([tables.ring_key(name, ring)], resamples=resamples) for ring in RINGS]
+        estimates = [measured.estimate([tables.ring_key(name, ring)], resamples=resamples) for ring in RINGS]
         method = setup.method.label if setup.touch else f"vision alone, {setup.method.label}"
         _line(panels[place], RINGS, estimates, _style(setup), method)
         if tables.ring_key(name, RINGS[0]) in published:
             paper = [published[tables.ring_key(name, ring)] for ring in RINGS]
             papers.plot(RINGS, paper, "--o", color=COLOURS[2 * place + setup.touch], lw=1, ms=3.5, label=inputs)
-    titles = [f"{image} vision ({_size(found, split)})" for image in images]
+    titles = [f"{image} vision ({_size(measured, split)})" for image in images]
     for axes, title in zip([*panels, papers], [*titles, "The paper"], strict=True):
         _finish(axes, "Ring, in sensor sizes", "Mean squared distance, m²", title)
         axes.set_ylim(bottom=0)
@@ -116,11 +118,11 @@ def error_over_rings(
     save(figure, path)
 
 
-def _against_first(found: Errors, keys: Mapping[int, str], resamples: int) -> np.ndarray:
+def _against_first(measured: Errors, keys: Mapping[int, str], resamples: int) -> np.ndarray:
     """Estimates (n, 3) of the relative change of errors against the first of them, and their intervals."""
     first = next(iter(keys.values()))
     pairs = ([key, first] for key in keys.values())
-    estimates = [found.estimate(pair, lambda means: means[..., 0] / means[..., 1] - 1, resamples) for pair in pairs]
+    estimates = [measured.estimate(pair, lambda means: ratio(means) - 1, resamples) for pair in pairs]
     return np.maximum(estimates, -1)  # errors are not negative
 
 
@@ -151,8 +153,8 @@ def _finish(axes: Axes, x: str, y: str, title: str, percent: bool = False) -> No
     axes.legend(fontsize=LABEL - 1.5, frameon=False)
 
 
-def _size(found: Errors, split: str) -> str:
-    seeds = max(len(values) for values in found.values.values())
-    counted = (len(found.objects), "object"), (seeds, "seed")
+def _size(measured: Errors, split: str) -> str:
+    seeds = max(len(values) for values in measured.values.values())
+    counted = (len(measured.objects), "object"), (seeds, "seed")
     counts = (f"{count} {what}{'s' * (count != 1)}" for count, what in counted)
     return ", ".join([f"{split} split", *counts])

@@ -61,8 +61,8 @@ def display(table: DataFrame) -> DataFrame:
             continue
         columns = [f"{name}{ending}" for ending in ("", *ENDINGS)]
         if table[name].dtype.kind == "f":
-            numbers = zip(*(table.get(column, [math.nan] * len(table)) for column in columns), strict=True)
-            shown[name] = [_number(table, name, *each) for each in numbers]
+            cells = zip(*(table.get(column, [math.nan] * len(table)) for column in columns), strict=True)
+            shown[name] = [_number(table, name, *numbers) for numbers in cells]
         else:
             shown[name] = [_text(value) for value in table[name]]
     return pd.DataFrame(shown, dtype=object)
