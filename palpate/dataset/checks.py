@@ -144,15 +144,11 @@ def check_surface(item: CheckedObject) -> Measured:
 def check_grasps(item: CheckedObject) -> Measured:
     """The grasps of one object."""
     rows, hand = item.rows["grasps"], item.required_hand
-    number = len(rows["palm_pose"])
     affine = np.abs(rows["palm_pose"][:, 3] - [0, 0, 0, 1]).max(axis=1)
     yield "rotation", np.maximum(rotation_error(rows["palm_pose"][:, :3, :3]), affine)
     joints = rows["joint_positions"]
     yield "joint limits", hand.out_of_range(joints)
-    links = hand.forward(rows["palm_pose"], joints)
-    position, rotation = hand.sensor_frames(links)
-    pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
-    yield "kinematics", np.max([np.abs(a - b).reshape(number, -1).max(axis=1) for a, b in pairs], axis=0)
+    yield "kinematics", _pose_error(hand, hand.forward(rows["palm_pose"], joints), rows)
     yield "penetration", np.where(rows["penetration"] >= 0, rows["penetration"], np.inf)
     if "surface" in item.rows:
         points = item.rows["surface"]["points"]
@@ -163,8 +159,7 @@ def check_touch(item: CheckedObject) -> Measured:
     """The touches of one object."""
     rows = item.rows["touch"]
     depth, success, count = rows["depth"], rows["success"], rows["point_count"]
-    in_range = (depth > 0) & (depth <= item.sensor.reach.astype(depth.dtype))
-    yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(2, 3))
+    yield "touch depth", np.sum(_out_of_range(depth, item.sensor), axis=(2, 3))
     finite = np.isfinite(depth)
     yield "success", success != finite.any(axis=(2, 3))
     yield "one touch", ~success.any(axis=1)
@@ -183,9 +178,7 @@ def check_frames(item: CheckedObject) -> Measured:
     yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
     yield "rotation", rotation_error(rows["link_pose"][:, :, 0, :3, :3]).max(axis=1)
     links = hand.forward(rows["link_pose"][:, :, 0], rows["joint_positions"])
-    position, rotation = hand.sensor_frames(links)
-    pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
-    yield "kinematics", np.max([np.abs(a - b).reshape(grasps, -1).max(axis=1) for a, b in pairs], axis=0)
+    yield "kinematics", _pose_error(hand, links, rows)
     yield "frame times", np.sum(~(np.diff(rows["time"], axis=1) > 0), axis=1) + (rows["time"][:, 0] < 0)
     for at_rest in (item.rows.get("grasps", {}), item.rows.get("touch", {})):
         for name in set(rows) & set(at_rest) - {"object"}:
@@ -196,8 +189,7 @@ def check_frames(item: CheckedObject) -> Measured:
         yield from _check_contacts(rows, hand)
     if "depth" in rows:
         depth = rows["depth"]
-        in_range = (depth > 0) & (depth <= item.sensor.reach.astype(depth.dtype))
-        yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(1, 2, 3, 4))
+        yield "touch depth", np.sum(_out_of_range(depth, item.sensor), axis=(1, 2, 3, 4))
         yield "success", np.sum(rows["success"] != np.isfinite(depth).any(axis=(-2, -1)), axis=(1, 2))
         if can_check("on mesh"):
             clouds = _first_touches(item, rows)
@@ -231,6 +223,18 @@ def check_hold(item: CheckedObject) -> Measured:
     label = np.where((along < 0).any(axis=1), -1, (along == 1).all(axis=1))
     farthest, nearest = moved[along == 1].max(initial=0), moved[along == 0].min(initial=np.inf)
     yield "held", (rows["held"] != label) + int(farthest > nearest)
+
+
+def _pose_error(hand: Hand, links: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
+    """Largest difference (g,) of stored poses from those of a hand's links (g, ..., L, 4, 4) and of its sensors."""
+    position, rotation = hand.sensor_frames(links)
+    pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
+    return np.max([np.abs(a - b).reshape(len(links), -1).max(axis=1) for a, b in pairs], axis=0)
+
+
+def _out_of_range(depth: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Whether depths (..., r, c) are neither in the sensor's range nor +inf: bool, of the same shape."""
+    return ~((depth > 0) & (depth <= sensor.reach.astype(depth.dtype))) & (depth != np.inf)
 
 
 def _first_touches(item: CheckedObject, rows: dict[str, np.ndarray]) -> Iterator[np.ndarray]:

@@ -188,7 +188,7 @@ def surface_quality(
 
     The columns are explained in `palpate.learning.surface_quality`. The paper states none of them.
     """
-    experiments = {name: each for name, each in experiments.items() if each.is_trained}  # not of retrieved points
+    experiments = {name: one for name, one in experiments.items() if one.is_trained}  # not of retrieved points
     scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
     rows = []
     for name, experiment in experiments.items():
