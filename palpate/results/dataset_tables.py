@@ -68,8 +68,6 @@ def dataset_statistics(frames: Frames) -> DataFrame:
 
     `objects` counts those with grasps. A class without grasps has zeros, and no percentage.
     """
-    import pandas as pd
-
     objects, rejected, grasps = frames
     published = paper_values("dataset_statistics").set_index(["class", "quantity"])["value"]
     rows = []
@@ -91,8 +89,7 @@ def dataset_statistics(frames: Frames) -> DataFrame:
         row["rejected"] = int(members["object"].isin(rejected["object"]).sum())
         row["attempts"] = by_object["attempts"].mean() if len(by_object) else np.nan
         rows.append(row)
-    table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="successful", other={"attempts": 1})
-    table.attrs["note"] = _size_note(objects, grasps)
+    table = _table(rows, frames, percent="successful", other={"attempts": 1})
     if has_papers_classes(objects["class"]):
         table.attrs["note"] += (
             " The paper counts 1731 objects in its supplement (text, table and "
@@ -107,8 +104,6 @@ def grasp_success(frames: Frames) -> DataFrame:
     """Share of grasps with 0 to 4 successful touches, with a 95 % bootstrap interval over objects, and the paper's
     shares over all classes (if the run has any of its classes). No grasp should have 0.
     """
-    import pandas as pd
-
     from palpate.store.contract import SENSOR_NAMES
 
     objects, _, grasps = frames
@@ -122,9 +117,7 @@ def grasp_success(frames: Frames) -> DataFrame:
             row: dict[str, Any] = {"class": name, "objects": len(by_object), "grasps": len(class_grasps)}
             row |= {"successful_touches": touches, **share.columns("percent", 100)}
             rows.append(row | {"percent_paper": published.get((name, touches), np.nan)})
-    table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="percent")
-    table.attrs["note"] = _size_note(objects, grasps)
-    return table
+    return _table(rows, frames, percent="percent")
 
 
 @products.table(stores=("meshes", "surface", "grasps", "touch", "hold"), category="Dataset", simulated=True)
@@ -174,11 +167,17 @@ def _share(by_object: DataFrame, hits: str, of: str) -> Estimate:
     return ratio_interval(by_object[hits], by_object[of], by_object["class"]).within(0, 1)
 
 
-def _round(table: DataFrame, percent: str, other: dict[str, int] | None = None) -> DataFrame:
-    """Columns that start with `percent` to two decimals; counts as integers that may be missing."""
+def _table(rows: list[dict[str, Any]], frames: Frames, percent: str, other: dict[str, int] | None = None) -> DataFrame:
+    """The rows as a table, with its note: columns that start with `percent` to two decimals, those of `other` to so
+    many; counts as integers that may be missing."""
+    import pandas as pd
+
+    table = without_paper(pd.DataFrame(rows), frames.objects["class"])
     decimals = {column: 2 for column in table.columns if column.startswith(percent)} | (other or {})
     counts = [column for column in table.columns if column != "class" and column not in decimals]
-    return table.round(decimals).astype(dict.fromkeys(counts, "Int64"))
+    table = table.round(decimals).astype(dict.fromkeys(counts, "Int64"))
+    table.attrs["note"] = _size_note(frames.objects, frames.grasps)
+    return table
 
 
 def _size_note(objects: DataFrame, grasps: DataFrame) -> str:
