@@ -240,7 +240,7 @@ def test_the_camera_holds_everything_and_no_more():
 
 @pytest.mark.parametrize("azimuth", [0, 90, 210])
 def test_points_on_a_ball_are_looked_at_from_their_side(monkeypatch, azimuth):
-    monkeypatch.setattr(figures, "load_visual", lambda mesh: trimesh.creation.icosphere(4, 0.2))
+    monkeypatch.setattr(figures, "load_geometry", lambda mesh: trimesh.creation.icosphere(4, 0.2))
     rng = np.random.default_rng(0)
     cap = towards(azimuth, 0) + 0.2 * rng.normal(size=(200, 3))
     cap = OBJECT_POSITION + 0.2 * cap / np.linalg.norm(cap, axis=1, keepdims=True)
