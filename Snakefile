@@ -43,7 +43,7 @@ if not options.default_storage_provider:
 
 
 # A file a stage, by its name, in the order of palpate/stages.yaml. Of a released dataset, which is read, those of models.
-STAGE_RULES = [each.name for each in stages.STAGES.values() if not (RELEASED and (each.in_dataset or each.simulated))]
+STAGE_RULES = [name for name, row in stages.STAGES.items() if not (RELEASED and (row.in_dataset or row.simulated))]
 RESULTS = ["evaluation", "products", "results", "known_targets", "targets"]
 for name in ["catalogue", "released" if RELEASED else "reports", "reconstruction", *STAGE_RULES, *RESULTS]:
 
