@@ -75,9 +75,9 @@ class Graph(nn.Module):
         reference = len(atlas.vertices) + touch_chart().centre + TOUCH_VERTICES * torch.arange(self.touch_charts)
         self.register_buffer("faces", faces, persistent=False)
         self.register_buffer("reference", reference, persistent=False)
-        self._operator(edges, atlas.boundary)
+        self.build_operator(edges, atlas.boundary)
 
-    def _operator(self, edges: Tensor, boundary: Tensor) -> None:
+    def build_operator(self, edges: Tensor, boundary: Tensor) -> None:
         """Buffers of the normalised adjacency: sorted rows of the sparse part, factors of the rest."""
         itself = torch.arange(self.vertices)[:, None].expand(-1, 2)
         keys = torch.cat([edges, edges.flip(1), itself]) @ torch.tensor([self.vertices, 1])

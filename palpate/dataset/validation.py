@@ -29,7 +29,7 @@ from palpate.store.files import Store, StoreError, check_headers
 from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
-CHECK_STAGE = {name: getattr(checks, f"check_{name}") for name in DATASET_STORES}  # of one object
+CHECK_STAGE = {name: checks.of_stage(name) for name in DATASET_STORES}  # of one object
 
 
 class Finding(NamedTuple):

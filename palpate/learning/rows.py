@@ -1,13 +1,17 @@
 """The files of evaluations: their columns, and reading them back."""
 
+from __future__ import annotations
+
 import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from palpate import checksums
 from palpate.rebuild_command import rebuild_advice, rebuild_command
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 # A row a sample: one object with one window of its grasps, or one image of it.
 _SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
@@ -26,8 +30,10 @@ class EvaluationError(ValueError):
     """An evaluation is missing or not what it must be; the message names the file or the experiment."""
 
 
-def read_table(path: Path, columns: Sequence[str], remedy: str) -> pd.DataFrame:
+def read_table(path: Path, columns: Sequence[str], remedy: str) -> DataFrame:
     """The columns of one file; objects and classes stay text. Raises EvaluationError if it is damaged or lacks one."""
+    import pandas as pd
+
     try:
         frame = pd.read_csv(io.StringIO(checksums.read_text(path, remedy)), dtype={"object": str, "class": str})
     except checksums.DamagedFile as error:
@@ -39,12 +45,14 @@ def read_table(path: Path, columns: Sequence[str], remedy: str) -> pd.DataFrame:
     return frame[list(columns)]
 
 
-def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
+def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> DataFrame:
     """The rows of evaluation files, one after the other.
 
     Raises EvaluationError naming the first file that does not exist, lacks a column, is damaged, or holds an error
     that is not a number.
     """
+    import pandas as pd
+
     frames = []
     for path in map(Path, paths):
         if not path.exists():

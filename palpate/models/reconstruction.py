@@ -196,7 +196,7 @@ class Reconstruction(nn.Module):
 
     def deform(self, batch: Batch, positions: Tensor, mask: Tensor | None, fixed: Tensor | None) -> Tensor:
         """Vertices (V, B, 3) after all deformations, from what `_initial` gives."""
-        inputs = self._inputs(batch, len(positions))
+        inputs = self.input_products(batch, len(positions))
         graph = next(graph for graph in cast(list[Graph], self.graphs) if graph.vertices == len(positions))
         for _ in range(self.architecture.deformations):
             relative = self._relative(positions)
@@ -240,11 +240,11 @@ class Reconstruction(nn.Module):
         """Positions (..., 3) as the network takes them: around the object's centre, in radii of the atlas."""
         return (positions - self.centre.to(positions.dtype)) / self.scale
 
-    def _inputs(self, batch: Batch, vertices: int) -> list[Products]:
+    def input_products(self, batch: Batch, vertices: int) -> list[Products]:
         """What so many vertices get besides their own positions."""
         inputs = [self._image_products(batch)] if self.experiment.has_vision else []
         if self.touch_input == "readings":
-            inputs.append(self._reading_products(batch, vertices))
+            inputs.append(self.reading_products(batch, vertices))
         elif self.touch_input == "pooled":
             inputs.append(self._touch_products(batch))
         return inputs
@@ -259,7 +259,7 @@ class Reconstruction(nn.Module):
         products = map_products(maps, self.image_weight)
         return lambda positions, _: pool_products(products, positions, camera)
 
-    def _reading_products(self, batch: Batch, vertices: int) -> Products:
+    def reading_products(self, batch: Batch, vertices: int) -> Products:
         """The features of all touches at every vertex: of the reading, the sensor's position, rotation, and success."""
         success = batch["success"][..., None].to(batch["reading"].dtype)
         shown = self.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, success.shape[:2]) * success

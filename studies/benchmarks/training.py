@@ -62,13 +62,8 @@ def combine(own: ExperimentData, larger: ExperimentData) -> ExperimentData:
 @torch.no_grad()
 def smoothness(model: Reconstruction, data: ExperimentData, experiment: Experiment, count: int) -> np.ndarray:
     """The numbers of `QUALITY` of a model's meshes, on average over so many windows of every validation object."""
-<<<<<<< HEAD
-    assemble, surface = Assembler(data, experiment), topology(experiment.strategy)
-    qualities = [
-=======
     assemble, surface = Assembler(data, experiment), topology(experiment.plan.start)
-    found = [
->>>>>>> learn
+    qualities = [
         surface_quality(model(assemble([sample]))[0].numpy(), surface, cKDTree(data["points"][sample.object]))
         for sample in windows(data, experiment, "validation")
         if sample.window < count

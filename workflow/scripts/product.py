@@ -15,7 +15,6 @@ from palpate.results import products
 
 log_to(snakemake.log[0])
 product, _ = products.find("tables" if snakemake.rule == "table" else "figures", snakemake.wildcards[0])
-make = product.load()  # first of all: it may load Blender, which comes before what loads embree
 
 if product.kind == "tables" or {"evaluations", "rings", "selections", "touches"} & {*product.parameters}:
     from palpate.learning import rows  # loads pandas, which figures of the dataset don't need
@@ -48,7 +47,7 @@ READERS = {
 read = {name: READERS[name]() for name in product.parameters if name in READERS}
 arguments = {name: values[name] for name in product.parameters if name in values} | read
 if product.kind == "tables":
-    write_table(make(**arguments), snakemake.output.table)
+    write_table(product.function(**arguments), snakemake.output.table)
 else:
     with atomic_write(snakemake.output.figure) as path:
-        make(path=path, **arguments)
+        product.function(path=path, **arguments)
