@@ -14,9 +14,10 @@ from pathlib import Path
 from palpate.atomic import write_if_changed
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject
-from palpate.checksums import DamagedFile, read_record
+from palpate.rebuild_command import BATCHES
+from palpate.seal import NOTHING, DamagedFile
+from palpate.text_files import read_record
 
-PLACES = "batches.json"
 REMEDY = "remove it: batches are formed anew, and those that differ are made again"
 # With `batch_size: auto`. The jobs of a batch take 6 s of processor time to start, and each takes Snakemake some ms.
 # But one changed object makes its whole batch again (docs/evidence/performance.md).
@@ -64,7 +65,7 @@ def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tup
     to `LARGEST`, as many as leave it `FEWEST_BATCHES`; and more, so that it has at most `MOST_BATCHES`.
     Raises CatalogueError, naming the file and the remedy, if the run's own is damaged.
     """
-    path, size, places = Path(folder, PLACES), None, {}
+    path, size, places = Path(folder, BATCHES), None, {}
     try:
         if path.exists():
             held = read_record(path, REMEDY)
@@ -82,4 +83,4 @@ def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tup
 def write_batches(folder: Path | str, batch_size: int, places: Mapping[str, str]) -> None:
     """Write the batch of every object that the run has or had, if what stands there is another."""
     text = json.dumps({"batch_size": batch_size, "objects": dict(places)}, indent=0) + "\n"
-    write_if_changed(Path(folder, PLACES), text, checksum=True)
+    write_if_changed(Path(folder, BATCHES), text, NOTHING)

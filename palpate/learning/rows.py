@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from palpate import checksums
 from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.seal import DamagedFile
+from palpate.text_files import read_text
 
 # A row a sample: one object with one window of its grasps, or one image of it.
 _SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
@@ -29,8 +30,8 @@ class EvaluationError(ValueError):
 def read_table(path: Path, columns: Sequence[str], remedy: str) -> pd.DataFrame:
     """The columns of one file; objects and classes stay text. Raises EvaluationError if it is damaged or lacks one."""
     try:
-        frame = pd.read_csv(io.StringIO(checksums.read_text(path, remedy)), dtype={"object": str, "class": str})
-    except checksums.DamagedFile as error:
+        frame = pd.read_csv(io.StringIO(read_text(path, remedy)), dtype={"object": str, "class": str})
+    except DamagedFile as error:
         raise EvaluationError(str(error)) from None
     except ValueError as error:  # pandas' ParserError
         raise EvaluationError(f"{path} is not a valid CSV file ({error}); {remedy}") from None
