@@ -38,6 +38,7 @@ BATCHES = re.compile(r"(?P<start>.*)\{(?P<first>\d+)\.\.(?P<last>\d+)\}(?P<end>.
 
 Files = Mapping[str, Sequence[Any]]  # path from the folder on -> number of bytes, SHA-256
 MadeFrom = Mapping[str, Mapping[str, Any]]
+DigestOf = Callable[[str], str | None]  # the digest of an output, by its label; None where there is none
 
 
 class DamagedFile(ValueError):
@@ -85,10 +86,10 @@ class Seal:
         lines = ((name, _difference(os.path.join(folder, name), self.files[name], contents)) for name in names)
         return [f"{name} {line}" for name, line in lines if line]
 
-    def difference(self, config: Mapping[str, Any], digest_of: Callable[[str], str | None]) -> str:
+    def difference(self, config: Mapping[str, Any], digest_of: DigestOf) -> str:
         """How it was made otherwise than from a config (values by path) and outputs; empty if it was not.
 
-        digest_of: of an output, by its label; None where there is none, which does not count.
+        An output that there is none of does not count.
         """
         lines = [
             f"with {key} = {value}, but the run has {config[key]}"

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,6 @@ from palpate.stages import DATASET_STORES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT
 from palpate.store.errors import reading
 from palpate.store.files import Store, StoreError
-from palpate.text_files import read_text
 
 # Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reading.py).
 REMEMBERED_STORES = 1024
@@ -35,7 +35,7 @@ class Run:
     def __init__(self, folder: Path | str):
         self.folder = Path(folder)
         self._stores: dict[tuple[str, str], Store] = {}
-        self._read: dict[str, dict[str, Seal]] = {}  # of each batch's outputs that were read, by label
+        self._read: dict[str, dict[Path, tuple[str, Seal]]] = {}  # of each batch: digests and seals of what was read
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_stores": {}, "_read": {}}
@@ -52,7 +52,9 @@ class Run:
         if not path.is_file():
             return {}
         try:
-            read_text(path, "remove it and start the run again, which writes it")
+            remedy = "remove it and start the run again, which writes it"
+            if sealed := seal.find(path, remedy):
+                seal.require_whole(sealed, remedy=remedy)
             config = read_yaml(path)
         except (ConfigError, DamagedFile) as error:
             raise StoreError(str(error)) from None
@@ -66,7 +68,7 @@ class Run:
         return path if path.is_dir() else None
 
     @cached_property
-    def _values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, Any]:
         """Values of the config by their path, and those that stores state and the config does not have."""
         return seal.by_path(self.config)
 
@@ -123,7 +125,7 @@ class Run:
         """Raise StoreError if an output was made with another config than the run's."""
         with reading(path):
             sealed = seal.find(path)
-        if sealed and (difference := sealed.difference(self._values, {}.get)):
+        if sealed and (difference := sealed.difference(self.values, {}.get)):
             raise StoreError(sealed.refusal(difference))
 
     def usable(self, stages: Iterable[str]) -> dict[str, CatalogueEntry]:
@@ -157,7 +159,7 @@ class Run:
     def meshes(self, batch: str) -> Path:
         """The folder of one batch's meshes. Raises StoreError if they do not fit the run."""
         folder = self.folder / "meshes" / batch
-        if seal.label_of(folder) not in self._read.get(batch, {}) and (folder / seal.NAME).exists():
+        if folder not in self._read.get(batch, {}) and (folder / seal.NAME).exists():
             with reading(folder):
                 self._require_fitting(batch, seal.read(folder))
         return folder
@@ -167,14 +169,8 @@ class Run:
         """Digests of the batches' source files, by the names that seals have for them."""
         return {label: digest for entries in self._entries.values() for label, digest in sources_of(entries).items()}
 
-    def difference(self, sealed: Seal) -> str:
-        """How an output was made from something else than the run has now; empty if it was not.
-
-        Compared is what seals state: that of the output, and those of what it was made from.
-        """
-        return sealed.difference(self._values, self._digest)
-
-    def _digest(self, label: str) -> str | None:
+    def digest(self, label: str) -> str | None:
+        """The digest of an output that the run has now, by its label in seals; None if it has none."""
         return self._sources.get(label) or seal.digest_in(self.folder, label)
 
     def require_current(self, path: Path) -> None:
@@ -183,8 +179,16 @@ class Run:
             sealed = seal.find(path)
             if sealed:
                 seal.require_whole(sealed)
-        if sealed and (difference := self.difference(sealed)):
-            raise StoreError(sealed.refusal(difference))
+                self._require_current(sealed)
+
+    def _require_current(self, sealed: Seal) -> None:
+        """Raise StoreError if an output was made from something else than the run has, naming the first that was."""
+        if not sealed.difference(self.values, self.digest):
+            return
+        paths = [self.folder / label for label in sealed.inputs]
+        for each in [*(seal.read(path) for path in paths if path.exists()), sealed]:
+            if difference := each.difference(self.values, self.digest):
+                raise StoreError(each.refusal(difference))
 
     def _require_fitting(self, batch: str, sealed: Seal) -> None:
         """Raise StoreError if an output does not fit the run, or one of the batch that was read before no longer does.
@@ -192,15 +196,14 @@ class Run:
         What was read before stays what the run has: this finds outputs that are made again in the meantime.
         """
         read = self._read.setdefault(batch, {})
-        if difference := self.difference(sealed):
-            raise StoreError(sealed.refusal(difference))
-        for before in read.values():
-            if before.path == sealed.path and before.digest != sealed.digest:
+        self._require_current(sealed)
+        for digest, before in read.values():
+            if before.path == sealed.path and digest != sealed.digest:
                 raise StoreError(sealed.refusal("anew while the run was read"))
             if before.inputs.get(sealed.label, sealed.digest) != sealed.digest:
                 raise StoreError(before.refusal(f"from other {sealed.label} than the run has"))
-        self._values.update({key: value for key, value in sealed.config.items() if key not in self._values})
-        read[sealed.label] = sealed
+        self.values.update({key: value for key, value in sealed.config.items() if key not in self.values})
+        read[sealed.path] = sealed.digest, replace(sealed, files={})
 
     def read(self, stage: str, name: str, entry: CatalogueEntry, index: tuple[int | slice, ...] = ()) -> np.ndarray:
         """What `index` picks of the object's row of an array, as it is stored; but for readings: see `fill_untouched`.

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from palpate.dataset.checks import CHECKS, CheckedObject, Measured
 from palpate.dataset.run import Run
 from palpate.hand import MAX_PENETRATION, Hand
 from palpate.rebuild_command import BATCHES, rebuild_command
-from palpate.seal import NOTHING, DamagedFile, MadeFrom, Seal
+from palpate.seal import NOTHING, DamagedFile, DigestOf, MadeFrom, Seal
 from palpate.sensor import DIGIT, Sensor
 from palpate.stages import DATASET_STORES, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
@@ -202,22 +203,23 @@ def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, other
     for stage, path in paths.items():
         if stage in stages or (path.exists() and (others or stage == "exr")):
             damage, difference, sealed = look_at(run, path)
-            digest = sealed.digest if sealed else ""
-            findings.append(_finding("files", stage, batch, damage, digest))
-            if sealed and stage != "exr":
+            findings.append(_finding("files", stage, batch, damage, sealed.digest if sealed else ""))
+            if sealed:
                 findings.append(_finding("made from", stage, batch, difference))
     return findings
 
 
-def look_at(run: Run, path: Path) -> tuple[str, str, Seal | None]:
+def look_at(run: Run, path: Path, digest_of: DigestOf | None = None) -> tuple[str, str, Seal | None]:
     """An output of a run: what is wrong with its files, how it was made from something else than the run has now, both
-    with the remedy and empty if nothing is; and its seal, if it is whole."""
+    with the remedy and empty if nothing is; and its seal, if it is whole. digest_of: by default `Run.digest`."""
     try:
-        sealed = seal.verify(path)
+        sealed = seal.find(path)
+        if sealed:
+            seal.require_whole(sealed)
     except (DamagedFile, OSError) as error:
         return str(error), "", None
-    difference = run.difference(sealed)
-    return "", sealed.refusal(difference) if difference else "", sealed
+    difference = sealed.difference(run.values, digest_of or run.digest) if sealed else ""
+    return "", sealed.refusal(difference) if sealed and difference else "", sealed
 
 
 def _finding(check: str, store: str, batch: str, wrong: str, passed: str = "") -> Finding:
@@ -242,10 +244,10 @@ def outputs(run: Path) -> Iterator[Path]:
 
 def _check_outputs(run: Run, paths: Iterable[Path]) -> Iterator[Finding]:
     """Whether files of a run are as they were written, and made from what the run has now."""
-    damaged, outdated = [], []
+    damaged, outdated, digest_of = [], [], cache(run.digest)
     for path in paths:
         batch = path.stem.removesuffix(".facts")
-        damage, difference, _ = look_at(run, path)
+        damage, difference, _ = look_at(run, path, digest_of)
         if damage and path.exists():  # what was removed is built again
             damaged.append(damage)
         if difference and not (batch.startswith("batch-") and batch not in run.batches):  # of an earlier config

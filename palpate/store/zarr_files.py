@@ -18,6 +18,7 @@ import zarr
 from zarr.codecs import BloscCodec, BytesCodec, Crc32cCodec, ShardingCodec
 
 from palpate import seal
+from palpate.seal import Seal
 from palpate.store.contract import StoreSpec
 from palpate.store.errors import StoreError
 
@@ -67,7 +68,7 @@ class ZarrFiles:
         self.attributes = dict(zarr.open_group(path, mode="r").attrs)
 
     @cached_property
-    def seal(self) -> seal.Seal:
+    def seal(self) -> Seal:
         """The store's seal. Raises DamagedFile if the attributes are not as it states."""
         sealed = seal.read(self.path)
         seal.require_whole(sealed, [ROOT])

@@ -78,10 +78,10 @@ def write_products(run):
 def started(built, tmp_path_factory):
     """A run as the workflow leaves it: every output has its seal. To be read only."""
     run = shutil.copytree(built, tmp_path_factory.mktemp("sealed") / "small")
-    write_if_changed(run / "batches.json", "{}\n", {})
     for path in sorted(run.glob("catalogue/*.csv")):
         entries = read_catalogue(path)
         write_catalogue(path, entries, {"inputs": sources_of(entries)})
+    write_if_changed(run / "batches.json", "{}\n", {})
     write_config(run, SPLIT)
     write_splits(run, SPLIT)
     for batch, names in BATCHES.items():

@@ -128,9 +128,7 @@ def test_no_checkpoint(tmp_path, capsys):
     run.parent.mkdir(parents=True)
     for content in (b"", b"no checkpoint"):
         run.write_bytes(content)
-        with pytest.raises(
-            CheckpointError, match="is damaged, or of another version of palpate: its seal .* can't be read"
-        ):
+        with pytest.raises(CheckpointError, match="of another version of palpate: its seal .* can't be read"):
             load(run)
     torch.save({"schema_version": 1, "kind": Code()}, run)
     with pytest.raises(CheckpointError, match="its seal .* can't be read"):
