@@ -33,8 +33,9 @@ def atomic_write(path: Path | str, made_from: seal.MadeFrom | None = None) -> It
     path.parent.mkdir(parents=True, exist_ok=True)
     for name in os.listdir(path.parent):
         match = TEMPORARY.fullmatch(name)
-        own = match and match["name"] in (path.name, mark.name) and match["machine"] == machine()
-        if own and not is_alive(match["process"]):
+        if not match or match["name"] not in (path.name, mark.name):
+            continue
+        if match["machine"] == machine() and not is_alive(match["process"]):
             remove(path.parent / name)
     try:
         yield partial

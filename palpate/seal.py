@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from palpate.rebuild_command import is_of_run, label_of, rebuild_advice
@@ -32,12 +33,12 @@ WITHIN = (".h5", ".ckpt")  # kinds of files that have their seal within
 ZIP_END, ZIP_END_BYTES = b"PK\5\6", 22  # the record that ends a ZIP archive, before the comment
 # Keys of the config that say where something is or how it is computed; what they name is in the contents.
 NOT_CONTENT = ("device", "exr", "hand")
-NOTHING: Mapping[str, Mapping[str, Any]] = {}  # of what was made from no other output, and from no config
 BATCH = re.compile(r"(?P<start>.*batch-)(?P<number>\d+)(?P<end>\D*)")
 BATCHES = re.compile(r"(?P<start>.*)\{(?P<first>\d+)\.\.(?P<last>\d+)\}(?P<end>.*)")
 
 Files = Mapping[str, Sequence[Any]]  # path from the folder on -> number of bytes, SHA-256
 MadeFrom = Mapping[str, Mapping[str, Any]]
+NOTHING: Mapping[str, Any] = MappingProxyType({})  # of what was made from no other output, and from no config
 DigestOf = Callable[[str], str | None]  # the digest of an output, by its label; None where there is none
 
 
@@ -318,7 +319,7 @@ def _joined(digests: Sequence[str]) -> str:
 
 
 def _text(files: Files, made_from: MadeFrom) -> str:
-    made_from = json.loads(json.dumps(made_from))
+    made_from = json.loads(json.dumps(dict(made_from)))
     seal = Seal(Path(), files, made_from.get("inputs", {}), made_from.get("config", {}))
     stated = {"version": VERSION, "digest": seal.digest, "made_from": seal.made_from, "files": files}
     return json.dumps(stated)

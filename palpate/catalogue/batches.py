@@ -65,7 +65,8 @@ def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tup
     to `LARGEST`, as many as leave it `FEWEST_BATCHES`; and more, so that it has at most `MOST_BATCHES`.
     Raises CatalogueError, naming the file and the remedy, if the run's own is damaged.
     """
-    path, size, places = Path(folder, BATCHES), None, {}
+    path, size = Path(folder, BATCHES), 0
+    places: dict[str, str] = {}
     try:
         if path.exists():
             held = read_record(path, REMEDY)
@@ -75,7 +76,7 @@ def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tup
         raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CatalogueError(f"{path} is damaged ({type(error).__name__}): {REMEDY}") from None
-    if batch_size == "auto":
+    if isinstance(batch_size, str):  # `auto`
         batch_size = size or max(SMALLEST, min(objects // FEWEST_BATCHES, LARGEST), -(-objects // MOST_BATCHES))
     return batch_size, places if size == batch_size else {}
 

@@ -7,7 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from palpate import named_files, shapes
 from palpate.atomic import atomic_write
@@ -112,13 +112,13 @@ def splits_of(
     copies (`copies`): they are in the split that one of them is given, or else in that of the first; several that are
     given stay. Raises CatalogueError for objects without a style.
     """
-    entries, shares = {each.object: each for each in entries}, {split: ratios[split] for split in SPLITS}
-    first = {name: name for name in entries} | {name: group[0] for group in groups for name in group}
-    splits = {first[name]: each.split for name, each in reversed(entries.items()) if each.split}
-    names = [name for name in entries if first[name] == name and name not in splits]
+    objects, shares = {each.object: each for each in entries}, {split: ratios[split] for split in SPLITS}
+    first = {name: name for name in objects} | {name: group[0] for group in groups for name in group}
+    splits = {first[name]: each.split for name, each in reversed(objects.items()) if each.split}
+    names = [name for name in objects if first[name] == name and name not in splits]
     if ratios.get("held_out") == "styles":
-        styles = {name: style_of(entries[name], seed) for name in names}
-        of_class = {name: entries[name].class_name for name in names}
+        styles = {name: style_of(cast(SourceObject, objects[name]), seed) for name in names}
+        of_class = {name: objects[name].class_name for name in names}
         unseen = {each: held_out_styles(each, shapes.styles(each), shares) for each in set(of_class.values())}
         seen, rest = {"train": 1}, {**shares, "train": 0}
         splits |= {
@@ -128,7 +128,7 @@ def splits_of(
     else:
         filled = fill(shares, names, set(splits.values()))
         splits |= {name: assign_split(name, filled) for name in names}
-    return {name: each.split or splits[first[name]] for name, each in entries.items()}
+    return {name: each.split or splits[first[name]] for name, each in objects.items()}
 
 
 def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[str] = ()) -> Mapping[str, float]:
@@ -140,7 +140,7 @@ def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[st
     filled = {assign_split(each, ratios) for each in names}
     if not names or min(ratios.values()) <= 0 or len(filled) > 2 or (given and "train" in filled | set(given)):
         return ratios
-    return {"train": 1} if given else suggest_split(names)
+    return {"train": 1} if given else suggest_split(names) or ratios
 
 
 def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
@@ -154,7 +154,8 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    place, first = {name: number for number, name in enumerate(checksums)}, {}
+    place = {name: number for number, name in enumerate(checksums)}
+    first: dict[str, int] = {}
     pairs = [(number, first.setdefault(checksums[name] or name, number)) for name, number in place.items()]
     if shapes:
         rows = np.array([[*sorted(sides), area] for *sides, area in shapes.values()]).round(6)

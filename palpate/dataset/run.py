@@ -13,7 +13,7 @@ from palpate import seal
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue, sources_of
 from palpate.configuration import ConfigError, absolute, read_yaml
-from palpate.rebuild_command import RECORD, rebuild_advice, rebuild_command
+from palpate.rebuild_command import BATCHES, RECORD, rebuild_advice, rebuild_command
 from palpate.seal import DamagedFile, Seal
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STORES, RELEASED, STAGES
@@ -50,6 +50,8 @@ class Run:
         """The config that the run was last started with; empty for a run without `config.yaml`."""
         path = self.folder / RECORD
         if not path.is_file():
+            if (self.folder / BATCHES).exists():  # the workflow has written both
+                raise StoreError(f"{path} does not exist; start the run again, which writes it")
             return {}
         try:
             remedy = "remove it and start the run again, which writes it"
@@ -125,7 +127,7 @@ class Run:
         """Raise StoreError if an output was made with another config than the run's."""
         with reading(path):
             sealed = seal.find(path)
-        if sealed and (difference := sealed.difference(self.values, {}.get)):
+        if sealed and (difference := sealed.difference(self.values, lambda label: None)):
             raise StoreError(sealed.refusal(difference))
 
     def usable(self, stages: Iterable[str]) -> dict[str, CatalogueEntry]:

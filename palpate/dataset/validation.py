@@ -34,8 +34,10 @@ from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
 # What jobs write into a run's folder, file by file.
-SEALED = ("batches.json", "catalogue.csv", "config.yaml", "rejected.csv")
-SEALED += ("catalogue", "evaluations", "figures", "meshes", "models", "rejected", "reports", "tables", "tuning")
+SEALED = (
+    *("batches.json", "catalogue.csv", "config.yaml", "rejected.csv"),
+    *("catalogue", "evaluations", "figures", "meshes", "models", "rejected", "reports", "tables", "tuning"),
+)
 CHECK_STAGE = {name: getattr(checks, f"check_{name}") for name in DATASET_STORES}  # of one object
 
 
@@ -62,9 +64,9 @@ class _Batch:
     def __init__(self, run: Run, name: str, stages: Sequence[str], max_penetration: float):
         self.run, self.name = run, name
         self.limits = {check: spec.limit for check, spec in CHECKS.items()}
-        self.limits["penetration"] = np.float32(max_penetration)  # as it is stored
+        self.limits["penetration"] = float(np.float32(max_penetration))  # as it is stored
         self.limits["in hand"] = max_penetration
-        self.sensor_names = SENSOR_NAMES
+        self.sensor_names: tuple[str, ...] = SENSOR_NAMES
         self.catalogue = [entry.object for entry in read_catalogue(run.folder / f"catalogue/{name}.csv")]
         self.rejected = run.rejections(name)
         self.findings: list[Finding] = []
@@ -270,9 +272,9 @@ def validate_batch(
     further stores are compared as well, where there are some. Needs `catalogue/<batch>.csv` and the meshes. What is
     wrong with a store or a mesh never raises: it is a finding.
     """
-    run = Run(run)
-    stages = stages or run.asked_stores
-    checked = _Batch(run, batch, stages, max_penetration)
+    opened = Run(run)
+    stages = stages or opened.asked_stores
+    checked = _Batch(opened, batch, stages, max_penetration)
     for stage in checked.stores:
         checked.check_objects(stage)
     hand, sensor = checked.hand(), checked.sensor()
@@ -280,7 +282,7 @@ def validate_batch(
     stored = {name for objects in checked.objects.values() for name in objects}
     for name in [name for name in checked.catalogue if name in stored]:
         checked.check_object(name, hand, sensor)
-    return [*check_files(run, batch, stages, others), *checked.findings]
+    return [*check_files(opened, batch, stages, others), *checked.findings]
 
 
 def write_findings(path: Path | str, findings: Iterable[Finding], made_from: MadeFrom = NOTHING) -> None:
@@ -294,7 +296,11 @@ def write_findings(path: Path | str, findings: Iterable[Finding], made_from: Mad
 def read_findings(path: Path | str) -> list[Finding]:
     """The findings that `write_findings` wrote."""
     rows = read_rows(path, Finding._fields)
-    return [Finding(**{**row, "value": float(row["value"]), "limit": float(row["limit"])}) for row in rows]
+    words = [[row[name] for name in Finding._fields[:5]] for row in rows]
+    return [
+        Finding(check, store, batch, name, where, float(row["value"]), float(row["limit"]))
+        for (check, store, batch, name, where), row in zip(words, rows, strict=True)
+    ]
 
 
 def check_again(

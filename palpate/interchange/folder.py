@@ -68,6 +68,8 @@ def export(
     if (report := dataset.folder / "reports/validation.csv").exists():
         dataset.require_current(report)
     digests = dataset.digests(None if arrays is None else {stage for stage, _ in contents.grasps.sources.values()})
+    inputs = [dataset.folder / CONTRACT[stage].path(batch) for stage, batch in digests]
+    inputs.append(dataset.folder / "catalogue.csv")
     with atomic_write(folder) as partial:
         partial.mkdir()
         _write_descriptions(partial, dataset)
@@ -84,9 +86,8 @@ def export(
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
         sums_file = partial / "SHA256SUMS"
         sums_file.write_text("".join(lines))
-        files = manifest | {sums_file.name: seal.size_and_sha256(sums_file)}
-        made_from = {"inputs": {f"{stage}/{batch}": digest for (stage, batch), digest in digests.items()}}
-        seal.write(partial, made_from, files)
+        manifest[sums_file.name] = seal.size_and_sha256(sums_file)
+        seal.write(partial, seal.made_of(inputs), manifest)
         _require_new(folder)  # still
     return sum(map(len, splits.values()))
 
@@ -155,7 +156,7 @@ def _hand_and_sensor(record: ObjectRecord, stages: Iterable[str]) -> dict[str, s
         texts["sensor"] = _json(stated | {"pixels": PIXELS, "units": units})
     if "grasps" in stages:
         values = {field.name: getattr(record.hand, field.name) for field in fields(Hand)}
-        texts["hand"] = _json({"about": f"{' '.join(Hand.__doc__.split())} {FRAMES_OF_HAND}"} | values)
+        texts["hand"] = _json({"about": f"{' '.join((Hand.__doc__ or '').split())} {FRAMES_OF_HAND}"} | values)
     return texts
 
 

@@ -3,7 +3,7 @@
 import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
@@ -17,6 +17,7 @@ from palpate.models.templates import Templates
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
 
+Model = TypeVar("Model", bound=torch.nn.Module)
 SCHEMA_VERSION = 4  # of checkpoints; those of another are refused
 
 
@@ -123,7 +124,7 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
         arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks"))
-        described = experiment if shares_weights else experiment_of(content)
+        described = experiment if experiment is not None and shares_weights else experiment_of(content)
         templates = Templates(*arrays) if described.strategy == "template" else None
         model = build(described, architecture, *_sensor_of(content), templates)
         if shares_weights:  # one without touch leaves out what a touch would pass through
@@ -163,7 +164,7 @@ def load_touch_depth(path: Path | str) -> TouchDepth:
     return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 
 
-def _filled(path: Path | str, make: Callable[[], torch.nn.Module], content: Mapping[str, Any]):
+def _filled(path: Path | str, make: Callable[[], Model], content: Mapping[str, Any]) -> Model:
     try:
         model = make()
         model.load_state_dict(content["weights"])

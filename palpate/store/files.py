@@ -194,7 +194,8 @@ class Store:
         """
         with reading(self.path):
             array = self._files.array(name)
-            values = np.asarray((array[...] if isinstance(array, zarr.Array) else array)[index])
+            whole: Any = array[...] if isinstance(array, zarr.Array) else array
+            values = np.asarray(whole[index])
             if values.dtype.kind == "S":
                 return np.char.decode(values, "utf-8")
             return values.astype(str) if values.dtype == object else values

@@ -20,6 +20,7 @@ from palpate.dataset.run import Run
 from palpate.dataset.validation import check_files, look_at, outputs, read_findings
 from palpate.learning import checkpoints, rows
 from palpate.learning.loop import HISTORY
+from palpate.seal import DamagedFile
 from palpate.text_files import read_record
 
 COLUMNS = ("fault", "tried", "by the reader", "by validate", "nothing changed", "lost in silence", "for example")
@@ -102,9 +103,12 @@ def _evaluations(run: Path) -> Iterator[object]:
 
 
 def _products(run: Path) -> Iterator[object]:
-    """Only users read them."""
-    for kind in ("tables", "figures"):
-        yield from (path.read_bytes() for path in sorted((run / kind).glob("[!.]*")))
+    """Only users read them, who see that one is gone."""
+    for place in sorted([*run.glob(f"tables/.*.{seal.NAME}"), *run.glob(f"figures/.*.{seal.NAME}")]):
+        path = place.with_name(place.name[1:].removesuffix(f".{seal.NAME}"))
+        if not path.exists():
+            raise DamagedFile(f"{path} does not exist")
+        yield path.read_bytes()
 
 
 def _validation(run: Path) -> Iterator[object]:
@@ -193,12 +197,15 @@ def outcome(kind: Kind, run: Path, expected: list) -> Try:
 
 def validate(run: Path) -> str:
     """What `snakemake validate` says of a run's files: the first that is not as written; empty if all are."""
-    for batch in Run(run).batches:
-        for finding in check_files(Run(run), batch):
-            if not finding.ok:
-                return finding.where
-    looked_at = (look_at(Run(run), path) for path in outputs(run))
-    return next((damage or difference for damage, difference, _ in looked_at if damage or difference), "")
+    try:
+        for batch in Run(run).batches:
+            for finding in check_files(Run(run), batch):
+                if not finding.ok:
+                    return finding.where
+        looked_at = (look_at(Run(run), path) for path in outputs(run))
+        return next((damage or difference for damage, difference, _ in looked_at if damage or difference), "")
+    except ValueError as error:  # of what validation itself reads: catalogue, config, rejections
+        return str(error)
 
 
 def each_damage(kind: Kind, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
