@@ -9,6 +9,7 @@ from pathlib import Path
 RECORD = "config.yaml"  # in a run's folder: the config that it was last started with
 MARKS = (RECORD, "catalogue.csv", "meshes", "models", "evaluations")  # a run has one of them
 BATCHES = "batches.json"  # in the folder of every run that the workflow has started, and in no other
+IN_PROGRESS = ("identity", "last.ckpt")  # of a training, which no rule makes
 REJECTED = "rejected"  # in a run's folder: a folder a stage, a table a batch
 BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up: batch-{0000..0012}
 
@@ -56,5 +57,10 @@ def rebuild_advice(path: Path | str, what: str = "it") -> str:
 
     what: the file, where `it` would be unclear.
     """
+    path = Path(path)
+    if path.name in (RECORD, BATCHES):  # batches are then formed anew, and those that differ are made again
+        return f"remove {what} and start the run again, which writes it"
+    if path.name in IN_PROGRESS:
+        return f"remove {path.parent} to train from the start"
     start = f"remove {what} and build it again" if os.path.lexists(path) else f"build {what}"
     return f"{start} with: {rebuild_command(path)}"

@@ -16,10 +16,10 @@ import hashlib
 import json
 import os
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -29,12 +29,11 @@ from palpate.rebuild_command import is_of_run, label_of, rebuild_advice
 VERSION = 1
 NAME = "seal.json"
 USER_BLOCK = 8192  # bytes before the content of an HDF5 file, which HDF5 skips
-WITHIN = (".h5", ".ckpt")  # kinds of files that have their seal within
+WITHIN = {".h5": USER_BLOCK, ".ckpt": 2**16 - 1}  # kinds of files that have their seal within: bytes of room
 ZIP_END, ZIP_END_BYTES = b"PK\5\6", 22  # the record that ends a ZIP archive, before the comment
 # Keys of the config that say where something is or how it is computed; what they name is in the contents.
 NOT_CONTENT = ("device", "exr", "hand")
-BATCH = re.compile(r"(?P<start>.*batch-)(?P<number>\d+)(?P<end>\D*)")
-BATCHES = re.compile(r"(?P<start>.*)\{(?P<first>\d+)\.\.(?P<last>\d+)\}(?P<end>.*)")
+BATCHES = re.compile(r"(.*/batch-)(\d+|\{[\d,]+\})(\D*)")  # labels: one batch, or several as `batch-{0000,0002}.zarr`
 
 Files = Mapping[str, Sequence[Any]]  # path from the folder on -> number of bytes, SHA-256
 MadeFrom = Mapping[str, Mapping[str, Any]]
@@ -87,6 +86,11 @@ class Seal:
         lines = ((name, _difference(os.path.join(folder, name), self.files[name], contents)) for name in names)
         return [f"{name} {line}" for name, line in lines if line]
 
+    def require(self, names: Iterable[str] | None = None, contents: bool = True) -> None:
+        """Raise DamagedFile, naming the first, if files are not as they were written: see `damage`."""
+        if lines := self.damage(names, contents):
+            raise damaged(self.path, join_first(lines))
+
     def difference(self, config: Mapping[str, Any], digest_of: DigestOf) -> str:
         """How it was made otherwise than from a config (values by path) and outputs; empty if it was not.
 
@@ -98,7 +102,8 @@ class Seal:
             if key in config and config[key] != value
         ]
         others = [label for label, digest in self.inputs.items() if digest_of(label) not in (None, digest)]
-        lines += [f"from other {' and '.join(others[:3])} than the run has"] if others else []
+        others = [re.sub(r"\{(\d+),.*?(\d+)\}", r"{\1..\2}", label) for label in others[:3]]
+        lines += [f"from other {' and '.join(others)} than the run has"] if others else []
         return join_first(lines)
 
     def refusal(self, difference: str) -> str:
@@ -139,18 +144,19 @@ def write(
         if files is None:
             paths = sorted(each for each in path.rglob("[!.]*") if each.is_file() and each != path / NAME)
             files = {each.relative_to(path).as_posix(): size_and_sha256(each) for each in paths}
-        (path / NAME).write_text(_text(files, made_from))
+        (path / NAME).write_bytes(_text(files, made_from))
         return
     content, _ = _parts(path)
     text = _text({name or path.name: measured(content)}, made_from)
+    if len(text) > WITHIN.get(path.suffix, len(text)):
+        raise ValueError(f"{path}: a seal of {len(text)} bytes has no room within")
     if path.suffix == ".h5":
         with path.open("r+b") as file:
-            file.write(_fitting(text, USER_BLOCK).ljust(USER_BLOCK))
+            file.write(text.ljust(USER_BLOCK))
     elif path.suffix == ".ckpt":
-        comment = _fitting(text, 2**16 - 1)
-        path.write_bytes(content + len(comment).to_bytes(2, "little") + comment)
+        path.write_bytes(content + len(text).to_bytes(2, "little") + text)
     else:
-        (place or beside(path)).write_text(text)
+        (place or beside(path)).write_bytes(text)
 
 
 def text_of(path: Path) -> bytes:
@@ -163,68 +169,57 @@ def text_of(path: Path) -> bytes:
     return (path / NAME if path.is_dir() else beside(path)).read_bytes()
 
 
-def read(path: Path | str, remedy: str = "") -> Seal:
-    """The seal of an output. Raises DamagedFile if the output or its seal is missing, or the seal is not as written.
-
-    remedy: the end of a message; by default how to build the output again.
-    """
+def read(path: Path | str) -> Seal:
+    """The seal of an output. Raises DamagedFile if the output or its seal is missing, or the seal is not as written."""
     path = Path(path)
     place = path / NAME if path.is_dir() else path if path.suffix in WITHIN else beside(path)
+    problem = f"its seal ({place}) has changed since it was written, or is of another version of palpate"
     try:
         stated = json.loads(text_of(path))
-        if stated["version"] == VERSION:
-            made_from = stated["made_from"]
-            seal = Seal(path, stated["files"], made_from.get("inputs", {}), made_from.get("config", {}))
-            if seal.digest == stated["digest"]:
-                return seal
-        problem = f"its seal ({place}) has changed since it was written, or is of another version of palpate"
+        made_from = stated["made_from"]
+        seal = Seal(path, stated["files"], made_from.get("inputs", {}), made_from.get("config", {}))
+        if stated["version"] == VERSION and seal.digest == stated["digest"]:
+            return seal
     except FileNotFoundError:
-        problem = f"it has no seal ({place})" if os.path.lexists(path) else ""
+        if not os.path.lexists(path):
+            raise DamagedFile(f"{path} does not exist; {rebuild_advice(path)}") from None
+        problem = f"it has no seal ({place}), or is of another version of palpate"
     except PermissionError:
         raise
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        problem = f"its seal ({place}) can't be read ({type(error).__name__})"
-    if not problem:
-        raise DamagedFile(f"{path} does not exist; {remedy or rebuild_advice(path)}")
-    raise DamagedFile(f"{path} is damaged, or of another version of palpate: {problem}; {remedy or _remedy(path)}")
+        problem = f"its seal ({place}) can't be read ({type(error).__name__}), or is of another version of palpate"
+    raise damaged(path, problem)
 
 
-def find(path: Path | str, remedy: str = "") -> Seal | None:
+def find(path: Path | str) -> Seal | None:
     """As `read`; None for a file without a seal beside it that is in no run's folder: written by hand, or a copy."""
     path = Path(path)
     plain = not path.is_dir() and path.suffix not in WITHIN and path.exists() and not beside(path).exists()
-    if plain and not is_of_run(path):
-        return None
-    return read(path, remedy)
+    return None if plain and not is_of_run(path) else read(path)
 
 
-def verify(path: Path | str, remedy: str = "") -> Seal:
+def verify(path: Path | str) -> Seal:
     """The seal of an output whose files are all as it states. Raises DamagedFile, naming the first that is not."""
-    seal = read(path, remedy)
-    require_whole(seal, remedy=remedy)
+    seal = read(path)
+    seal.require()
     return seal
 
 
-def require_whole(seal: Seal, names: Iterable[str] | None = None, contents: bool = True, remedy: str = "") -> None:
-    """Raise DamagedFile, naming the first, if files of an output are not as they were written: see `Seal.damage`."""
-    if lines := seal.damage(names, contents):
-        raise damaged(seal.path, lines, remedy)
-
-
-def damaged(path: Path, lines: Iterable[str], remedy: str = "") -> DamagedFile:
-    """The error about an output whose files are not as they were written; lines: what is wrong with which."""
-    return DamagedFile(f"{path} is damaged: {join_first(lines)}; {remedy or _remedy(path)}")
+def damaged(path: Path, problem: str) -> DamagedFile:
+    """The error about an output whose files are not as they were written."""
+    remedy = rebuild_advice(path, str(path) if path.is_dir() else "it")
+    return DamagedFile(f"{path} is damaged: {problem}; {remedy}")
 
 
 def digest_in(run: Path, label: str) -> str | None:
     """The digest of an output, or of those of several batches, in a run's folder; None if one is missing or damaged."""
-    digests = []
-    for path in _expanded(label):
-        try:
-            digests.append(read(run / path).digest)
-        except DamagedFile:
-            return None
-    return _joined(digests)
+    match = BATCHES.fullmatch(label)
+    numbers = match[2].strip("{}").split(",") if match else []
+    paths = [run / f"{match[1]}{number}{match[3]}" for number in numbers] if match else [run / label]
+    try:
+        return _joined([read(path).digest for path in paths])
+    except DamagedFile:
+        return None
 
 
 def by_path(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -262,23 +257,19 @@ def with_output(made_from: MadeFrom, path: Path | str) -> dict[str, dict[str, An
 def made_of(paths: Iterable[Path | str], config: Mapping[str, Any] = NOTHING) -> dict[str, dict[str, Any]]:
     """What an output of the whole run was made from: the outputs at these paths, but for those without a seal.
 
-    config: values that its job uses, by their path. Batches in a row are one: `touch/batch-{0000..0012}.zarr`.
+    config: values that its job uses, by their path. Batches of a stage are one: `touch/batch-{0000,0002}.zarr`.
     """
-    seals = [seal for seal in map(find, paths) if seal is not None]
-    digests = {seal.label: seal.digest for seal in seals}
-    inputs: dict[str, str] = {}
-
-    def place(label: str) -> tuple[str, ...]:
-        match = BATCH.fullmatch(label)
-        return (match["start"], match["end"]) if match else (label,)
-
-    for _, labels in groupby(sorted(digests, key=lambda label: (place(label), label)), place):
-        for together in _in_a_row(list(labels)):
-            first, last = (BATCH.fullmatch(label) for label in (together[0], together[-1]))
-            label = together[0]
-            if first and last and len(together) > 1:
-                label = f"{first['start']}{{{first['number']}..{last['number']}}}{first['end']}"
-            inputs[label] = _joined([digests[each] for each in together])
+    digests = {seal.label: seal.digest for seal in map(find, paths) if seal is not None}
+    batches = defaultdict(list)
+    for label in sorted(digests):
+        match = BATCHES.fullmatch(label)
+        batches[(match[1], match[3]) if match else (label, "")].append((match[2] if match else "", digests[label]))
+    inputs = {}
+    for (start, end), found in batches.items():
+        numbers = ",".join(number for number, _ in found)
+        inputs[f"{start}{{{numbers}}}{end}" if len(found) > 1 else f"{start}{numbers}{end}"] = _joined(
+            [digest for _, digest in found]
+        )
     return {"inputs": inputs, "config": json.loads(json.dumps(dict(config)))}
 
 
@@ -288,48 +279,15 @@ def join_first(lines: Iterable[str], most: int = 3) -> str:
     return "; ".join([*lines[:most], *([f"and {len(lines) - most} more"] if len(lines) > most else [])])
 
 
-def _in_a_row(labels: Sequence[str]) -> list[list[str]]:
-    """Labels of batches of one stage, in parts whose numbers follow one another."""
-    parts: list[list[str]] = []
-    for label in labels:
-        if parts and label == _next(parts[-1][-1]):
-            parts[-1].append(label)
-        else:
-            parts.append([label])
-    return parts
-
-
-def _next(label: str) -> str:
-    match = BATCH.fullmatch(label)
-    number = f"{int(match['number']) + 1:0{len(match['number'])}d}" if match else ""
-    return f"{match['start']}{number}{match['end']}" if match else ""
-
-
-def _expanded(label: str) -> list[str]:
-    """The paths that a label names, from the run's folder on."""
-    match = BATCHES.fullmatch(label)
-    if not match:
-        return [label]
-    numbers, digits = range(int(match["first"]), int(match["last"]) + 1), len(match["first"])
-    return [f"{match['start']}{number:0{digits}d}{match['end']}" for number in numbers]
-
-
 def _joined(digests: Sequence[str]) -> str:
     return digests[0] if len(digests) == 1 else hashlib.sha256("\n".join(digests).encode()).hexdigest()
 
 
-def _text(files: Files, made_from: MadeFrom) -> str:
-    made_from = json.loads(json.dumps(dict(made_from)))
-    seal = Seal(Path(), files, made_from.get("inputs", {}), made_from.get("config", {}))
-    stated = {"version": VERSION, "digest": seal.digest, "made_from": seal.made_from, "files": files}
-    return json.dumps(stated)
-
-
-def _fitting(text: str, most: int) -> bytes:
-    data = text.encode()
-    if len(data) > most:
-        raise ValueError(f"a seal of {len(data)} bytes has no room in {most}")
-    return data
+def _text(files: Files, made_from: MadeFrom) -> bytes:
+    stated = json.loads(json.dumps(dict(made_from)))
+    seal = Seal(Path(), files, stated.get("inputs", {}), stated.get("config", {}))
+    seal_text = {"version": VERSION, "digest": seal.digest, "made_from": seal.made_from, "files": files}
+    return json.dumps(seal_text).encode()
 
 
 def _parts(path: Path) -> tuple[bytes, bytes]:
@@ -346,7 +304,7 @@ def _parts(path: Path) -> tuple[bytes, bytes]:
 def _difference(path: str, expected: Sequence[Any], contents: bool) -> str:
     """How a file differs from what was written; empty if it does not."""
     try:
-        if path.endswith(WITHIN):
+        if path.endswith(tuple(WITHIN)):
             size, digest = measured(_parts(Path(path))[0])
         else:
             size, digest = os.stat(path).st_size, expected[1]
@@ -361,7 +319,3 @@ def _difference(path: str, expected: Sequence[Any], contents: bool) -> str:
     if size != expected[0]:
         return f"has {size} bytes, but {expected[0]} were written"
     return "" if digest == expected[1] else "has changed since it was written (checksum)"
-
-
-def _remedy(path: Path) -> str:
-    return rebuild_advice(path, str(path) if path.is_dir() else "it")

@@ -12,14 +12,13 @@ from palpate.rebuild_command import rebuild_advice
 from palpate.seal import DamagedFile
 
 
-def read_text(path: Path | str, remedy: str = "") -> str:
+def read_text(path: Path | str) -> str:
     """The text of a table or record that a run wrote, or that a user wrote elsewhere: see `palpate.seal.find`.
 
-    remedy: the end of a message; by default how to build the file again. Raises DamagedFile if the file is missing,
-    empty, not UTF-8, not the one that its seal is of, or a table without a line break at its end.
+    Raises DamagedFile if the file is missing, empty, not UTF-8, not the one that its seal is of, or a table without a
+    line break at its end.
     """
-    path = Path(path)
-    remedy = remedy or rebuild_advice(path)
+    path, remedy = Path(path), rebuild_advice(path)
     try:
         data = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
@@ -38,20 +37,19 @@ def read_text(path: Path | str, remedy: str = "") -> str:
         raise DamagedFile(f"{path} is not text; {remedy}")
     if path.suffix == ".csv" and not text.endswith("\n"):  # a record that is cut off is not valid JSON
         raise DamagedFile(f"{path} is cut off: no line break at its end; {remedy}")
-    sealed = seal.find(path, remedy)
+    sealed = seal.find(path)
     if sealed is not None and sealed.files.get(path.name) != seal.measured(data):
         raise DamagedFile(f"{path} has changed since it was written ({seal.beside(path).name}: checksum); {remedy}")
     return text
 
 
-def read_rows(path: Path | str, columns: Iterable[str], remedy: str = "") -> list[dict[str, str]]:
+def read_rows(path: Path | str, columns: Iterable[str]) -> list[dict[str, str]]:
     """Rows of a CSV table: values by column.
 
     Raises DamagedFile as `read_text` does, and if a column is missing or a line has more or fewer values than the
     first.
     """
-    remedy = remedy or rebuild_advice(path)
-    lines = csv.DictReader(io.StringIO(read_text(path, remedy), newline=""), strict=True)
+    lines, remedy = csv.DictReader(io.StringIO(read_text(path), newline=""), strict=True), rebuild_advice(path)
     try:
         rows = list(lines)
     except csv.Error as error:
@@ -64,13 +62,12 @@ def read_rows(path: Path | str, columns: Iterable[str], remedy: str = "") -> lis
     return rows
 
 
-def read_record(path: Path | str, remedy: str = "") -> dict[str, Any]:
+def read_record(path: Path | str) -> dict[str, Any]:
     """The JSON object of a record. Raises DamagedFile as `read_text` does, and for other JSON."""
-    remedy = remedy or rebuild_advice(path)
     try:
-        record = json.loads(read_text(path, remedy))
+        record = json.loads(read_text(path))
     except json.JSONDecodeError as error:
-        raise DamagedFile(f"{path} is not valid JSON ({error}); {remedy}") from None
+        raise DamagedFile(f"{path} is not valid JSON ({error}); {rebuild_advice(path)}") from None
     if not isinstance(record, dict):
-        raise DamagedFile(f"{path} is not a JSON object; {remedy}")
+        raise DamagedFile(f"{path} is not a JSON object; {rebuild_advice(path)}")
     return record

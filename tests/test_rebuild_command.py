@@ -71,4 +71,4 @@ def test_a_damaged_file_is_to_be_removed_first_and_a_missing_one_only_built(run)
     (run / "rejected.csv").touch()
     assert rebuild_advice(run / "rejected.csv").startswith("remove it and build it again with: snakemake rejected.csv ")
     os.symlink(run / "nowhere", run / "batches.json")  # a link to nothing is in the way, too
-    assert rebuild_advice(run / "batches.json", "the link").startswith("remove the link and build it again with: ")
+    assert rebuild_advice(run / "rejected.csv", "the link").startswith("remove the link and build it again with: ")

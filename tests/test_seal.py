@@ -124,7 +124,7 @@ def test_damage_is_one_line_a_file(tmp_path):
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"version": 1}', '{"version": 99}', '{"version": 1, "files": 3}'])
 def test_other_text_is_no_seal(tmp_path, text):
     (tmp_path / seal.NAME).write_text(text)
-    with pytest.raises(DamagedFile, match=r"damaged, or of another version of palpate: its seal .*seal\.json"):
+    with pytest.raises(DamagedFile, match=r"is damaged: its seal .*seal\.json\) .*another version of palpate"):
         seal.read(tmp_path)
 
 
@@ -165,28 +165,29 @@ def test_inputs_of_a_job_have_to_fit_together(tmp_path):
         combine({"grasps": {"share": 0.2}}, meshes, grasps)
 
 
-def test_batches_in_a_row_are_one_input(tmp_path):
+def test_batches_of_a_stage_are_one_input(tmp_path):
     (tmp_path / "catalogue.csv").write_text("plain")
-    paths = [tmp_path / f"touch/batch-{number:04d}.csv" for number in (0, 1, 2, 9, 10, 12)]
-    seals = [sealed_file(path, text=str(path.name)) for path in paths]
-    table = sealed_file(tmp_path / "evaluations/a/seed-0.csv")
-    inputs = made_of([*reversed(paths), table.path, tmp_path / "catalogue.csv"], {"points": 3})["inputs"]
-    rows = {"touch/batch-{0000..0002}.csv": seals[:3], "touch/batch-{0009..0010}.csv": seals[3:5]}
+    paths = [tmp_path / f"touch/batch-{number:04d}.csv" for number in (0, 1, 12)]
+    seals = [sealed_file(path, text=path.name) for path in paths]
+    alone, table = sealed_file(tmp_path / "vision/batch-0003.csv"), sealed_file(tmp_path / "evaluations/a/seed-0.csv")
+    everything = [*reversed(paths), table.path, alone.path, tmp_path / "catalogue.csv"]
+    inputs = made_of(everything, {"points": 3})["inputs"]
+    together, of_all = "touch/batch-{0000,0001,0012}.csv", "\n".join(each.digest for each in seals)
     assert inputs == {
         "evaluations/a/seed-0.csv": table.digest,
-        "touch/batch-0012.csv": seals[5].digest,
-        **{
-            label: hashlib.sha256("\n".join(each.digest for each in those).encode()).hexdigest()
-            for label, those in rows.items()
-        },
+        "vision/batch-0003.csv": alone.digest,
+        together: hashlib.sha256(of_all.encode()).hexdigest(),
     }
     assert {label: seal.digest_in(tmp_path, label) for label in inputs} == inputs
     sealed_file(paths[1], text="changed")
     changed = {label for label, digest in inputs.items() if seal.digest_in(tmp_path, label) != digest}
-    assert changed == {"touch/batch-{0000..0002}.csv"}
+    assert changed == {together}
+    product = sealed_file(tmp_path / "tables/a.csv", {"inputs": inputs})
+    difference = product.difference({}, lambda label: seal.digest_in(tmp_path, label))
+    assert difference == "from other touch/batch-{0000..0012}.csv than the run has"
     paths[1].unlink()
     seal.beside(paths[1]).unlink()
-    assert seal.digest_in(tmp_path, "touch/batch-{0000..0002}.csv") is None  # which does not count
+    assert seal.digest_in(tmp_path, together) is None  # which does not count
 
 
 def test_values_that_say_how_or_where_are_none_of_what_an_output_was_made_from():

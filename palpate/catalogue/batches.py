@@ -14,11 +14,10 @@ from pathlib import Path
 from palpate.atomic import write_if_changed
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject
-from palpate.rebuild_command import BATCHES
+from palpate.rebuild_command import BATCHES, rebuild_advice
 from palpate.seal import NOTHING, DamagedFile
 from palpate.text_files import read_record
 
-REMEDY = "remove it: batches are formed anew, and those that differ are made again"
 # With `batch_size: auto`. The jobs of a batch take 6 s of processor time to start, and each takes Snakemake some ms.
 # But one changed object makes its whole batch again (docs/evidence/performance.md).
 SMALLEST, LARGEST, FEWEST_BATCHES, MOST_BATCHES = 16, 32, 16, 625
@@ -69,13 +68,13 @@ def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tup
     places: dict[str, str] = {}
     try:
         if path.exists():
-            held = read_record(path, REMEDY)
+            held = read_record(path)
             size = int(held["batch_size"])
             places = {str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()}
     except DamagedFile as error:
         raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CatalogueError(f"{path} is damaged ({type(error).__name__}): {REMEDY}") from None
+        raise CatalogueError(f"{path} is damaged ({type(error).__name__}): {rebuild_advice(path)}") from None
     if isinstance(batch_size, str):  # `auto`
         batch_size = size or max(SMALLEST, min(objects // FEWEST_BATCHES, LARGEST), -(-objects // MOST_BATCHES))
     return batch_size, places if size == batch_size else {}

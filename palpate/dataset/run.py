@@ -51,12 +51,11 @@ class Run:
         path = self.folder / RECORD
         if not path.is_file():
             if (self.folder / BATCHES).exists():  # the workflow has written both
-                raise StoreError(f"{path} does not exist; start the run again, which writes it")
+                raise StoreError(f"{path} does not exist; {rebuild_advice(path)}")
             return {}
         try:
-            remedy = "remove it and start the run again, which writes it"
-            if sealed := seal.find(path, remedy):
-                seal.require_whole(sealed, remedy=remedy)
+            if sealed := seal.find(path):
+                sealed.require()
             config = read_yaml(path)
         except (ConfigError, DamagedFile) as error:
             raise StoreError(str(error)) from None
@@ -180,7 +179,7 @@ class Run:
         with reading(path):
             sealed = seal.find(path)
             if sealed:
-                seal.require_whole(sealed)
+                sealed.require()
                 self._require_current(sealed)
 
     def _require_current(self, sealed: Seal) -> None:

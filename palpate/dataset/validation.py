@@ -217,7 +217,7 @@ def look_at(run: Run, path: Path, digest_of: DigestOf | None = None) -> tuple[st
     try:
         sealed = seal.find(path)
         if sealed:
-            seal.require_whole(sealed)
+            sealed.require()
     except (DamagedFile, OSError) as error:
         return str(error), "", None
     difference = sealed.difference(run.values, digest_of or run.digest) if sealed else ""

@@ -95,7 +95,7 @@ def name_of(path: Path | str) -> str | None:
 def require_intact(path: Path | str) -> None:
     """Raise CheckpointError if a checkpoint is not as its seal states, which torch.load does not look at."""
     try:
-        seal.verify(path, "remove it and train the model again")
+        seal.verify(path)
     except seal.DamagedFile as error:
         raise CheckpointError(str(error)) from None
 

@@ -85,7 +85,7 @@ def training_steps(summary: Path | str) -> int:
     summary = Path(summary)
     remedy = f"remove it and train the model again with: {rebuild_command(summary)}"
     try:
-        return int(read_record(summary, remedy)["steps"])
+        return int(read_record(summary)["steps"])
     except DamagedFile as error:
         raise EvaluationError(str(error)) from None
     except (KeyError, TypeError, ValueError):

@@ -224,8 +224,7 @@ def _prepare(checkpoints_folder: Path, identity: str) -> None:
     Raises CheckpointError or DamagedFile if it is damaged: training anew is the user's choice.
     """
     marker, last = checkpoints_folder / "identity", checkpoints_folder / LAST
-    remedy = f"remove {checkpoints_folder} to train from the start"
-    if last.exists() and marker.exists() and read_text(marker, remedy).strip() == identity:
+    if last.exists() and marker.exists() and read_text(marker).strip() == identity:
         checkpoints.require_intact(last)
         return
     if checkpoints_folder.exists():

@@ -92,8 +92,8 @@ def mesh_file(folder: Path | str, name: str) -> Path:
     if (batch / seal.NAME).exists():
         sealed, relative = seal.read(batch), f"{path.parent.name}/{name}"
         if relative not in sealed.files:
-            raise seal.damaged(batch, [f"{relative} was not written with it"])
-        seal.require_whole(sealed, [relative])
+            raise seal.damaged(batch, f"{relative} was not written with it")
+        sealed.require([relative])
     return path
 
 
@@ -104,7 +104,7 @@ def usable(batch: Path | str, contents: bool = False) -> list[str]:
     files, if the seal or files are missing, of another size, or changed.
     """
     sealed = seal.read(batch)
-    seal.require_whole(sealed, contents=contents)
+    sealed.require(contents=contents)
     return list(dict.fromkeys(name.split("/")[0] for name in sealed.files if "/" in name))
 
 

@@ -72,16 +72,16 @@ class ZarrFiles:
     def seal(self) -> Seal:
         """The store's seal. Raises DamagedFile if the attributes are not as it states."""
         sealed = seal.read(self.path)
-        seal.require_whole(sealed, [ROOT])
+        sealed.require([ROOT])
         return sealed
 
     def verify(self) -> None:
         """Compare all files with the seal. Raises DamagedFile, naming the first files that differ."""
-        seal.require_whole(self.seal)
+        self.seal.require()
 
     def require_files(self) -> None:
         """Raise DamagedFile, naming the first files, if files are missing or of another size."""
-        seal.require_whole(self.seal, contents=False)
+        self.seal.require(contents=False)
 
     def array(self, name: str) -> "Records | zarr.Array":
         """One array, not read, if its files are as they were when the store was opened."""
@@ -95,9 +95,9 @@ class ZarrFiles:
     def _require(self, name: str, contents: bool) -> bool:
         """Whether a file is of the store. Raises DamagedFile if it is not as it was written, or was not written."""
         if name in self.seal.files:
-            seal.require_whole(self.seal, [name], contents)
+            self.seal.require([name], contents)
         elif os.path.exists(self.path / name):
-            raise seal.damaged(self.path, [f"{name} was not written with it"])
+            raise seal.damaged(self.path, f"{name} was not written with it")
         return name in self.seal.files
 
     def _open(self, name: str) -> "Records | zarr.Array":

@@ -89,12 +89,12 @@ def _weights(run: Path) -> Iterator[object]:
 
 def _records(run: Path) -> Iterator[object]:
     for path in sorted(run.glob("models/**/seed-*")):
-        yield read_record(path / "training.json", "train the model again")
+        yield read_record(path / "training.json")
 
 
 def _histories(run: Path) -> Iterator[object]:
     for path in sorted(run.glob("models/**/seed-*")):
-        yield rows.read_table(path / "history.csv", HISTORY, "train the model again").to_csv()
+        yield rows.read_table(path / "history.csv", HISTORY).to_csv()
 
 
 def _evaluations(run: Path) -> Iterator[object]:

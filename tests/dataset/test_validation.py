@@ -13,7 +13,14 @@ import palpate.store
 from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.dataset.checks import CHECKS, rotation_error
-from palpate.dataset.validation import check_again, combine_validation, read_findings, validate_batch, write_findings
+from palpate.dataset.validation import (
+    check_again,
+    combine_validation,
+    outputs,
+    read_findings,
+    validate_batch,
+    write_findings,
+)
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
 from tests.dataset import test_forces
@@ -351,7 +358,7 @@ def validate(run, *others) -> pd.DataFrame:
     table = run / f"reports/validation/{BATCH}.csv"
     write_findings(table, validate_batch(run, BATCH))
     findings = [finding for path in (table, *others) for finding in read_findings(path)]
-    return combine_validation(findings, run, run / "sources")
+    return combine_validation(findings, run, run / "sources", outputs(run))
 
 
 @pytest.fixture(scope="module")

@@ -40,7 +40,7 @@ READERS = {
     "touches": lambda: rows.read([inputs.touches], rows.TOUCH_COLUMNS),
     "models": lambda: {Path(path).parents[1].name: path for path in inputs.models},
     "touch_depth": lambda: inputs.touch_depth,
-    "trainings": lambda: [read_record(path, "remove it and train this point again") for path in inputs.trainings],
+    "trainings": lambda: [read_record(path) for path in inputs.trainings],
     "experiments": lambda: {name: Experiment.from_row(name, row) for name, row in values["experiments"].items()},
     "threads": lambda: snakemake.threads,
 }
