@@ -57,10 +57,10 @@ def rebuild_advice(path: Path | str, what: str = "it") -> str:
 
     what: the file, where `it` would be unclear.
     """
-    path = Path(path)
+    path, there = Path(path), os.path.lexists(path)
     if path.name in (RECORD, BATCHES):  # batches are then formed anew, and those that differ are made again
-        return f"remove {what} and start the run again, which writes it"
+        return f"{f'remove {what} and ' if there else ''}start the run again, which writes it"
     if path.name in IN_PROGRESS:
         return f"remove {path.parent} to train from the start"
-    start = f"remove {what} and build it again" if os.path.lexists(path) else f"build {what}"
+    start = f"remove {what} and build it again" if there else f"build {what}"
     return f"{start} with: {rebuild_command(path)}"

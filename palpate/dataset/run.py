@@ -197,7 +197,8 @@ class Run:
         What was read before stays what the run has: this finds outputs that are made again in the meantime.
         """
         read = self._read.setdefault(batch, {})
-        self._require_current(sealed)
+        with reading(sealed.path):
+            self._require_current(sealed)
         for digest, before in read.values():
             if before.path == sealed.path and digest != sealed.digest:
                 raise StoreError(sealed.refusal("anew while the run was read"))
