@@ -13,7 +13,7 @@ from palpate import seal
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue, sources_of
 from palpate.configuration import ConfigError, absolute, read_yaml
-from palpate.rebuild_command import BATCHES, RECORD, rebuild_advice, rebuild_command
+from palpate.rebuild_command import BATCHES, RECORD, REJECTED, rebuild_advice, rebuild_command
 from palpate.seal import DamagedFile, Seal
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STORES, RELEASED, STAGES
@@ -183,10 +183,11 @@ class Run:
                 self._require_current(sealed)
 
     def _require_current(self, sealed: Seal) -> None:
-        """Raise StoreError if an output was made from something else than the run has, naming the first that was."""
+        """Raise StoreError if an output was made from something else than the run has, naming the first that was: not
+        a table of rejections, which is made with its store."""
         if not sealed.difference(self.values, self.digest):
             return
-        paths = [self.folder / label for label in sealed.inputs]
+        paths = [self.folder / label for label in sealed.inputs if not label.startswith(REJECTED)]
         for each in [*(seal.read(path) for path in paths if path.exists()), sealed]:
             if difference := each.difference(self.values, self.digest):
                 raise StoreError(each.refusal(difference))
