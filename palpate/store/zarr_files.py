@@ -30,7 +30,7 @@ if zarr.config.get("threading.max_workers") is None:
 numcodecs.blosc.use_threads = False
 
 # Chosen in docs/evidence/dataset.md; lossless.
-COMPRESSION = BloscCodec(cname="zstd", clevel=1, shuffle="shuffle")
+COMPRESSION: dict[str, Any] = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 ROOT = "zarr.json"  # the file of a group's attributes, and of an array's header
 NOT_WRITTEN = 2**64 - 1  # offset of a chunk that holds the fill value (Zarr's sharding codec, version 1.0)
 CHECKSUM = 4  # bytes of a CRC-32C, which ends each chunk and the index
@@ -51,7 +51,7 @@ def write_zarr(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], at
             dtype="string" if text else array.dtype,
             chunks=chunk,
             shards=shard if shard != chunk else None,
-            compressors=[Crc32cCodec()] if text else [COMPRESSION, Crc32cCodec()],
+            compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
             attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
             dimension_names=array_spec.dimensions,  # which xarray opens it by
