@@ -47,6 +47,7 @@ class Dataset(Sequence):
         if unknown := sorted(set(self._required) - {RELEASED, *STAGES}):
             raise ValueError(f"stage {not_among(unknown[0], [RELEASED, *STAGES])}")
         self._entries = self._run.usable(self._required)
+        self._run.require_config(self.folder / "catalogue.csv")
 
     def _view(self, entries: Iterable[CatalogueEntry]) -> "Dataset":
         view = object.__new__(Dataset)
@@ -161,6 +162,11 @@ class Dataset(Sequence):
         chosen = self if split is None else self.split(split)
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
+    def require_current(self, path: Path) -> None:
+        """Raise StoreError if a file of the run is not as it was written, or was made from something else than the run
+        has now."""
+        self._run.require_current(path)
+
     def digests(self, stages: Collection[str] | None = None) -> dict[tuple[str, str], str]:
         """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
 
@@ -171,7 +177,7 @@ class Dataset(Sequence):
             stages = {*self._run.asked_stores, *self.stages} & {*self._required}
         batches = dict.fromkeys(entry.batch for entry in self._entries.values())
         stages = [name for name in CONTRACT if name in stages]
-        return {(name, batch): self._run.store(name, batch).digest for name in stages for batch in batches}
+        return {(name, batch): self._run.store(name, batch).seal.digest for name in stages for batch in batches}
 
     def table(self) -> "pandas.DataFrame":
         """A row a grasp: object, class, split, batch, grasp, touches, and the object's row in `array`.

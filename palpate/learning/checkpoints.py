@@ -1,13 +1,13 @@
 """Trained models as files: weights, with the experiment and settings behind them. Safe to load (no code in them)."""
 
 import io
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
 
+from palpate import seal
 from palpate.architectures import Architecture
 from palpate.atomic import atomic_write
 from palpate.experiments import Experiment
@@ -17,10 +17,8 @@ from palpate.models.templates import Templates
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
 
-SCHEMA_VERSION = 3  # of checkpoints; those of another are refused
-
-
 Model = TypeVar("Model", bound=torch.nn.Module)
+SCHEMA_VERSION = 4  # of checkpoints; those of another are refused
 
 
 class CheckpointError(ValueError):
@@ -51,7 +49,7 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     content = io.BytesIO()  # torch's own writing of a file does not say that the disk is full
     torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, content)
-    with atomic_write(path) as partial:
+    with atomic_write(path, seal.NOTHING) as partial:
         partial.write_bytes(content.getbuffer())
 
 
@@ -95,21 +93,11 @@ def name_of(path: Path | str) -> str | None:
 
 
 def require_intact(path: Path | str) -> None:
-    """Raise CheckpointError if a file that torch saved is not as it was written.
-
-    It is a ZIP archive, whose members have checksums (CRC-32). torch.load does not look at them.
-    """
+    """Raise CheckpointError if a checkpoint is not as its seal states, which torch.load does not look at."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            wrong = archive.testzip()
-    except Exception as error:  # whatever a damaged directory of the archive makes the reader trip over
-        raise CheckpointError(
-            f"{path} is no checkpoint of Palpate ({type(error).__name__}: {error}); remove it and train again"
-        ) from error
-    if wrong is not None:
-        raise CheckpointError(
-            f"{path} has changed since it was written (checksum of {wrong}); remove it and train the model again"
-        )
+        seal.verify(path)
+    except seal.DamagedFile as error:
+        raise CheckpointError(str(error)) from None
 
 
 def experiment_of(content: Mapping[str, Any]) -> Experiment:

@@ -15,7 +15,6 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from palpate import checksums
 from palpate.charts import build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
 from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord, ObjectRecord
@@ -35,7 +34,9 @@ from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.retrieval import Objects, Retrieval
 from palpate.protocol import CHAMFER_SCALE, RINGS
 from palpate.rebuild_command import rebuild_command
+from palpate.seal import DamagedFile
 from palpate.sensor import DIGIT, Sensor
+from palpate.text_files import read_record
 
 log = logging.getLogger(__name__)
 
@@ -84,8 +85,8 @@ def training_steps(summary: Path | str) -> int:
     summary = Path(summary)
     remedy = f"remove it and train the model again with: {rebuild_command(summary)}"
     try:
-        return int(checksums.read_record(summary, remedy)["steps"])
-    except checksums.DamagedFile as error:
+        return int(read_record(summary)["steps"])
+    except DamagedFile as error:
         raise EvaluationError(str(error)) from None
     except (KeyError, TypeError, ValueError):
         raise EvaluationError(f"{summary} does not say how many steps were trained; {remedy}") from None

@@ -15,11 +15,12 @@ import torch
 from lightning_fabric import Fabric
 from tqdm import tqdm
 
-from palpate import checksums
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.learning import checkpoints
 from palpate.learning.learners import Diverged, Learner
 from palpate.learning.machine import Machine
+from palpate.text_files import read_text
 
 log = logging.getLogger(__name__)
 
@@ -148,6 +149,7 @@ class Training:
             checkpoints.save(self.folder / BEST, self.learner.kind, self.learner.model, stated)
         self.fabric.save(partial, self.state)
         if self.fabric.is_global_zero:
+            seal.write(partial, name=LAST)
             partial.replace(self.folder / LAST)
 
     def _log_progress(self, done: int, rate: float, loss: torch.Tensor) -> None:
@@ -159,14 +161,19 @@ class Training:
 
 
 def train(
-    learner: Learner, folder: Path | str, checkpoint_folder: Path | str, machine: Machine, label: str
+    learner: Learner,
+    folder: Path | str,
+    checkpoint_folder: Path | str,
+    machine: Machine,
+    label: str,
+    made_from: seal.MadeFrom = seal.NOTHING,
 ) -> dict[str, Any]:
     """Train a model, or resume an interrupted training of the same model; the result is the same.
 
     learner: the model with its data and settings. folder: gets `best.ckpt` (see `checkpoints`), `training.json` (which
     is returned), and `history.csv` (step, seconds, train_loss, validation_loss, rate: a row an evaluation, losses in
     the tables' unit). checkpoint_folder: checkpoints of the training in progress; removed at the end. Those of another
-    config or other data are ignored. label: for progress.
+    config or other data are ignored. label: for progress. made_from: what the seals of the three files state.
 
     Raises Diverged, naming the sample and the last good checkpoint, if the prediction, the loss or its gradient becomes
     NaN or infinite, before any weight is changed by it; Diverged too if at an evaluation no gradient reaches the
@@ -203,7 +210,7 @@ def train(
         torch.set_flush_denormal(False)
     summary = {**_summary(training, machine, accelerator), "identity": identity}
     if fabric.is_global_zero:
-        _write(folder, checkpoints_folder, training.history, summary)
+        _write(folder, checkpoints_folder, training.history, summary, made_from)
     return summary
 
 
@@ -219,8 +226,7 @@ def _prepare(checkpoints_folder: Path, identity: str) -> None:
     Raises CheckpointError or DamagedFile if it is damaged: training anew is the user's choice.
     """
     marker, last = checkpoints_folder / "identity", checkpoints_folder / LAST
-    remedy = f"remove {checkpoints_folder} to train from the start"
-    if last.exists() and marker.exists() and checksums.read_text(marker, remedy).strip() == identity:
+    if last.exists() and marker.exists() and read_text(marker).strip() == identity:
         checkpoints.require_intact(last)
         return
     if checkpoints_folder.exists():
@@ -228,7 +234,7 @@ def _prepare(checkpoints_folder: Path, identity: str) -> None:
         log.info("%s %s: begins anew", checkpoints_folder, reason)
         shutil.rmtree(checkpoints_folder)
     checkpoints_folder.mkdir(parents=True)
-    with atomic_write(marker, checksum=True) as partial:
+    with atomic_write(marker, seal.NOTHING) as partial:
         partial.write_text(identity + "\n")
 
 
@@ -247,15 +253,21 @@ def _summary(training: Training, machine: Machine, accelerator: str) -> dict[str
     }
 
 
-def _write(folder: Path, checkpoints_folder: Path, history: list[Row], summary: dict[str, Any]) -> None:
+def _write(
+    folder: Path,
+    checkpoints_folder: Path,
+    history: list[Row],
+    summary: dict[str, Any],
+    made_from: seal.MadeFrom,
+) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic_write(folder / "history.csv", checksum=True) as partial, open(partial, "w", newline="") as file:
+    with atomic_write(folder / "history.csv", made_from) as partial, open(partial, "w", newline="") as file:
         writer = csv.DictWriter(file, HISTORY)
         writer.writeheader()
         writer.writerows(history)
-    with atomic_write(folder / "training.json", checksum=True) as partial:
+    with atomic_write(folder / "training.json", made_from) as partial:
         partial.write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n")
     checkpoints.require_intact(checkpoints_folder / BEST)
-    with atomic_write(folder / BEST, checksum=True) as partial:
+    with atomic_write(folder / BEST, made_from) as partial:
         shutil.copyfile(checkpoints_folder / BEST, partial)
     shutil.rmtree(checkpoints_folder)

@@ -20,7 +20,7 @@ from palpate.protocol import RINGS
 from palpate.sensor import DIGIT, Sensor, Size
 
 if TYPE_CHECKING:
-    from palpate.surface.embree import Geometry
+    from palpate.mesh import Mesh
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ def reach(sensor: Sensor) -> float:
 class MeshSurface:
     """A mesh that rings are projected onto, by ray casting."""
 
-    def __init__(self, mesh: "Geometry", object_position: Sequence[float] = (0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
+    def __init__(self, mesh: "Mesh", object_position: Sequence[float] = (0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
         """mesh: in its own frame, metres; object_position: (3,) of that frame's origin in the world; sensor: that the
         rings are around.
 

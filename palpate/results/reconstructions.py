@@ -76,8 +76,9 @@ def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Pa
         for count in counts:
             pictures = columns[f"{inputs}\n{count} grasp{'s' * (count > 1)}" if count else f"{inputs}\nalone"] = []
             for record in records:
-                image, touches, *rest = of_object(record, reconstructor.experiment, range(max(count, 1)))
-                pictures.append(render(record, coloured(reconstructor(image, touches[:count], *rest))))
+                inputs_of_one = of_object(record, reconstructor.experiment, range(max(count, 1)))
+                prediction = reconstructor(*inputs_of_one._replace(touches=record.grasps[:count]))
+                pictures.append(render(record, coloured(prediction)))
     figure, axes = picture_grid([record.name for record in records], list(columns), cell=1.3)
     for row, pictures in zip(axes, zip(*columns.values(), strict=True), strict=True):
         (left, top), (right, bottom) = window(pictures)

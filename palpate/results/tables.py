@@ -18,18 +18,28 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+from palpate.atomic import atomic_write
+from palpate.seal import MadeFrom
+
 MISSING = "–"
 ENDINGS = ("_low", "_high", "_median")  # of columns that share a cell with their number
 
 
-def write_table(table: DataFrame, path: Path | str) -> None:
-    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex)."""
+def write_table(table: DataFrame, path: Path | str, made_from: MadeFrom | None = None) -> None:
+    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex).
+
+    made_from: as `palpate.atomic.atomic_write` takes it.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     float_format = "%.6g" if "decimals" in table.attrs else None
-    table.to_csv(path, index=False, lineterminator="\n", float_format=float_format)
-    path.with_suffix(".md").write_text(markdown(table), encoding="utf-8")
-    path.with_suffix(".tex").write_text(latex(table), encoding="utf-8")
+    forms = {
+        ".md": markdown(table),
+        ".tex": latex(table),
+        ".csv": table.to_csv(index=False, lineterminator="\n", float_format=float_format),
+    }
+    for suffix, text in forms.items():
+        with atomic_write(path.with_suffix(suffix), made_from) as partial:
+            partial.write_text(text, encoding="utf-8")
 
 
 def markdown(table: DataFrame) -> str:

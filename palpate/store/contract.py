@@ -20,7 +20,8 @@ from palpate.stages import STAGES, Stage
 #    not stored.
 # 4: stores did not state what they were made from.
 # 5: hands had no names and couplings of joints, and did not say which of their geoms collide.
-SCHEMA_VERSION = 6
+# 6: stores did not have a seal: an attribute or the HDF5 file's first bytes stated their files.
+SCHEMA_VERSION = 7
 # The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 

@@ -9,7 +9,7 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
-from palpate import grasp, hand, mesh, provenance, store
+from palpate import grasp, hand, mesh, seal, store
 from palpate.batch import each_object, generator
 from palpate.sensor import DIGIT
 
@@ -23,7 +23,7 @@ robot = hand.from_mjcf(*snakemake.input.hand, sensor.gel_face) if mjcf_files els
 grasp.check_hand(robot, settings["timestep"], settings["max_penetration"])
 surface = store.open(snakemake.input.surface)
 made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}}
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), surface.made)
+made_from = seal.combine(made_with, seal.read(meshes), surface.seal)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 
 

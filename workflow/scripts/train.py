@@ -12,7 +12,7 @@ from workflow.run.job import log_to
 
 from pathlib import Path
 
-from palpate import Dataset
+from palpate import Dataset, seal
 from palpate.experiments import Experiment
 from palpate.learning import tuning
 from palpate.learning.data import ExperimentData
@@ -42,4 +42,5 @@ train(
     Path("checkpoints", *folder.parts[folder.parts[0] == "models" :]),
     Machine(**params.machine, threads=snakemake.threads),
     str(folder),
+    seal.made_of(snakemake.input),
 )
