@@ -3,7 +3,7 @@
 Nothing here knows an engine: touch simulation and renderer read the same `Hand` as the grasp simulation.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
