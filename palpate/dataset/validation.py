@@ -26,7 +26,7 @@ from palpate.sensor import DIGIT, Sensor
 from palpate.stages import DATASET_STORES, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError, check_headers
-from palpate.touch import empty_reading
+from palpate.touch import empty_reading, shade_pressed
 
 NAMED = 5  # how many failures a row names
 CHECK_STAGE = {name: getattr(checks, f"check_{name}") for name in DATASET_STORES}  # of one object
@@ -137,7 +137,8 @@ class _Batch:
         if "touch" not in self.stores:
             return
         with self.reading("touch"):
-            stored, expected = self.stores["touch"].empty_reading.astype(int), empty_reading(sensor)
+            stored, pressed = self.stores["touch"].empty_reading.astype(int), "indentation" in self.arrays["touch"]
+            expected = shade_pressed(np.zeros(sensor.resolution), sensor) if pressed else empty_reading(sensor)
             same = stored.shape == expected.shape
             self.add("empty reading", "touch", np.abs(stored - expected).max() if same else np.inf)
 

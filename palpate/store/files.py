@@ -73,10 +73,10 @@ def describe(spec: StoreSpec) -> dict[str, Any]:
 def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], optional: bool = True) -> None:
     """Raise StoreError, naming the first that is wrong, if names, shapes or types are not the contract's.
 
-    optional: whether the arrays that the contract calls so may be missing.
+    optional: whether the arrays that the contract calls so may be missing; those that a config asks for always may.
     """
     given = {name for name in headers if name.split("/")[0] not in spec.stage.groups}
-    needed = {name for name, array in spec.arrays.items() if not (optional and array.optional)}
+    needed = {name for name, array in spec.arrays.items() if not (array.optional and (optional or array.asked))}
     missing, unknown = sorted(needed - given), sorted(given - set(spec.arrays))
     if missing or unknown:
         raise StoreError(f"{path}: arrays of {spec.stage.name} missing: {missing}, unknown: {unknown}")

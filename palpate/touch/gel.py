@@ -82,7 +82,9 @@ def response(wavenumber: np.ndarray, layer: Layer) -> Response:
 class Face:
     """The responses of a layer's face on a grid of pixels, computed once for all contacts; see `face`."""
 
-    def __init__(self, layer: Layer, shape: tuple[int, int], pixel: tuple[float, float], dtype=np.float64, padding=PADDING):
+    def __init__(
+        self, layer: Layer, shape: tuple[int, int], pixel: tuple[float, float], dtype=np.float64, padding=PADDING
+    ):
         """shape: rows and columns; pixel: edges along rows' and columns' direction, m. padding: thicknesses around."""
         self.layer, self.shape, self.pixel, self.dtype = layer, shape, pixel, np.dtype(dtype)
         around = [padding * layer.thickness / edge for edge in pixel]
@@ -234,7 +236,9 @@ def press(
     surface = np.asarray(surface, dtype=dtype)
     allowed = np.isfinite(surface)
     if not (surface > -np.inf).all() or not allowed.any():
-        raise ValueError("expected a surface in metres, +inf where there is none, somewhere finite; got none, NaN or -inf")
+        raise ValueError(
+            "expected a surface in metres, +inf where there is none, somewhere finite; got none, NaN or -inf"
+        )
     if not (layer.thickness > 0 and layer.shear_modulus > 0 and 0 <= layer.poisson <= 0.5):
         raise ValueError(f"{layer}: expected thickness and shear modulus above 0, Poisson's ratio of 0 to 0.5")
     if not 0 < force < np.inf:
