@@ -177,7 +177,8 @@ class Sensor:
         sensor = cls(**values, background=background if description["background"] else None)
         if sensor.gel_radius and sensor.gel_radius < sensor.rim:
             raise ConfigError(
-                f"{what}: gel.face.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its rim"
+                f"{what}: gel.face.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its "
+                "rim"
             )
         if not (sensor.range - sensor.sag > 0).all():
             raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.face.radius")

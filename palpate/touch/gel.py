@@ -115,11 +115,12 @@ class Face:
 
     @cached_property
     def _spread(self) -> np.ndarray:
-        """(2, ...) of y and z; odd in the wavenumber, so that nothing is left at the grid's largest."""
+        """(2, ...) of y and z, each odd along its axis, so that nothing is left at the grid's largest wavenumber."""
         kernel = self._spectrum(lambda found, y, z: found.spread * np.stack([y, z]))
-        for axis, length in ((1, self.padded[0]), (2, self.padded[1])):
-            if length % 2 == 0:
-                np.moveaxis(kernel, axis, 0)[length // 2] = 0
+        if self.padded[0] % 2 == 0:
+            kernel[1, self.padded[0] // 2] = 0
+        if self.padded[1] % 2 == 0:
+            kernel[0, :, -1] = 0
         return (-1j * kernel).astype(np.result_type(self.dtype, np.complex64))
 
     @cached_property

@@ -66,7 +66,9 @@ def press_sensor(
     pressed = press(surface, sensor.pixel, layer, force, slide, twist, friction)
     around = [(many - few) // 2 for many, few in zip(face.resolution, sensor.resolution, strict=True)]
     window = tuple(slice(first, first + n) for first, n in zip(around, sensor.resolution, strict=True))
-    inside = float(pressed.pressure[window].sum() / pressed.pressure.sum())
+    outside = pressed.pressure.copy()
+    outside[window] = 0
+    inside = 1 - outside.sum() / pressed.pressure.sum()
     return _reading(sensor, *(image[window] for image in pressed[:3]), force, pressed.approach, inside, pressed.strain)
 
 
@@ -86,13 +88,13 @@ def press_sensors(
         depth = tracer.trace(position[one], rotation[one])[0] if newton > 0 else np.full((1, 1), np.inf)
         readings.append(press_sensor(depth, sensor, float(newton)))
     fields = zip(*readings, strict=True)
-    stacked = [None if field[0] is None else np.stack(field) for field in fields]
-    return PressedReading(*(field if field is None else field.reshape(*leading, *field.shape[1:]) for field in stacked))
+    arrays = (None if each[0] is None else np.reshape(each, (*leading, *each[0].shape)) for each in fields)
+    return PressedReading(*arrays)
 
 
 def press_scene(scene: "Scene", sensor: Sensor, force: np.ndarray) -> dict[str, np.ndarray | None]:
     """The sensors of a scene's grasps, each pressed with its force (g, s), N: arrays (g, s, ...) by their names in the
-    touch store, where a reading of 0 is that of a sensor without a force in range. Raises ConfigError as `press_sensor`.
+    touch store. Raises ConfigError as `press_sensor`.
     """
     tracer = RayCaster(load_geometry(scene.object_folder), scene.object_position, face_sensor(sensor))
     arrays = press_sensors(tracer, sensor, scene.sensor_position, scene.sensor_rotation, force)._asdict()
