@@ -63,7 +63,9 @@ class Gel:
         number[kept] = np.arange(kept.sum())
         full = [np.interp(np.arange(2 * len(x) - 1) / 2, np.arange(len(x)), x) for x in (r, z)]
         self.nodes = np.stack(np.meshgrid(*full, indexing="ij"), axis=-1)[kept]
-        corner = 2 * np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"), axis=-1).reshape(-1, 1, 2)
+        corner = 2 * np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"), axis=-1).reshape(
+            -1, 1, 2
+        )
         at = corner + (NODES + 1).astype(int)
         self.elements = number[at[..., 0], at[..., 1]]
         self.face = number[:, -1].reshape(-1)
@@ -93,7 +95,9 @@ class Gel:
         """Residual forces (d,) and stiffness (d, d) of the gel: P = G (F - F^-T) + lambda ln J F^-T."""
         F = np.einsum("epij,ej->epi", self.B, u[self.dofs]) + [1, 0, 0, 1, 1]
         plane = F[..., 0] * F[..., 3] - F[..., 1] * F[..., 2]
-        inverse = np.stack([F[..., 3], -F[..., 2], -F[..., 1], F[..., 0], plane / F[..., 4]], axis=-1) / plane[..., None]
+        inverse = (
+            np.stack([F[..., 3], -F[..., 2], -F[..., 1], F[..., 0], plane / F[..., 4]], axis=-1) / plane[..., None]
+        )
         pressure = self.lame * np.log(plane * F[..., 4]) - self.modulus  # inverse is F^-T, in the order of F
         P = self.modulus * F + pressure[..., None] * inverse
         A = self.modulus * np.eye(5) + self.lame * inverse[..., :, None] * inverse[..., None, :]

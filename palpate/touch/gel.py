@@ -135,10 +135,12 @@ class Face:
         return self._spectrum(parts).astype(self.dtype)
 
     def _transform(self, image: np.ndarray) -> np.ndarray:
-        return fft.rfft2(image, s=self.padded, axes=(-2, -1))
+        """The spectrum (..., rows, columns / 2 + 1); as `rfft2`, without the transforms of rows of zeros."""
+        return fft.fft(fft.rfft(image, self.padded[1], axis=-1), self.padded[0], axis=-2)
 
     def _image(self, spectrum: np.ndarray) -> np.ndarray:
-        return fft.irfft2(spectrum, s=self.padded, axes=(-2, -1))[..., : self.shape[0], : self.shape[1]]
+        rows = fft.ifft(spectrum, axis=-2)[..., : self.shape[0], :]
+        return fft.irfft(rows, self.padded[1], axis=-1)[..., : self.shape[1]]
 
     def indentation(self, pressure: np.ndarray) -> np.ndarray:
         """(r, c) m into the gel by pressures (r, c) Pa."""
@@ -167,8 +169,9 @@ def contact(
     total: float | None,
     start: np.ndarray,
     tolerance: float,
-) -> tuple[np.ndarray, float]:
-    """Pressures p >= 0 (r, c) with gaps moved(p) + gap - approach >= 0, one of the two 0 at each pixel; the approach.
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Pressures p >= 0 (r, c) with gaps moved(p) + gap - approach >= 0, one of the two 0 at each pixel; also moved(p),
+    and the approach.
 
     Conjugate gradients of Polonsky and Keer (1999, Wear 231). moved: the face's motion by pressures, linear, symmetric
     and positive. gap: (r, c) before it, inf where there is no surface. total: of the pressures, which decides the
@@ -178,39 +181,45 @@ def contact(
     weighted by pressure. A contact of one pixel meets the second at once. Raises NotConverged.
     """
     allowed = np.isfinite(gap)
-    gap = np.where(allowed, gap, 0)
-    pressure, way, before = start, np.zeros_like(start), 0.0
-    one = np.zeros_like(start)
-    one.flat[np.argmin(np.where(allowed, gap, np.inf))] = 1
-    softness = float(moved(one)[one > 0][0])  # of a single pixel: the step where there is no direction
+    gap, tiny = np.where(allowed, gap, 0), np.finfo(float).tiny
+    pressure, way, before, approach = start, np.zeros_like(start), 0.0, 0.0
+    move = moved(pressure)
     for _ in range(ITERATIONS):
         touching = pressure > 0
-        move = moved(pressure)
         distance = move + gap
-        approach = 0.0
         if total is not None:
             approach = float(distance[touching].mean())
             distance = distance - approach
-        outside = allowed & ~touching & (distance < 0)
-        scale = max(float(np.abs(move[touching]).max(initial=0)), np.finfo(float).tiny)
+        inside = distance * touching
         deepest = -float(distance[allowed].min())
-        weighted = float((pressure * np.abs(distance)).sum() / max(pressure.sum(), np.finfo(float).tiny))
-        if max(deepest, weighted) <= tolerance * scale:
-            return pressure, approach
-        square = float((distance[touching] ** 2).sum())
-        way = np.where(touching, distance + (square / before if before else 0.0) * way, 0)
+        weighted = float((pressure * np.abs(inside)).sum()) / max(float(pressure.sum()), tiny)
+        if max(deepest, weighted) <= tolerance * max(float((move * touching).max()), tiny):
+            return pressure, move, approach
+        outside = allowed & ~touching & (distance < 0)
+        square = float((inside**2).sum())
+        way = inside + (square / before if before else 0.0) * way * touching
         answer = moved(way)
+        product = float((answer * way).sum())
         if total is not None:
-            answer = answer - answer[touching].mean()
-        product = float((answer * way)[touching].sum())
-        step = float((distance * way)[touching].sum()) / product if product > 0 else 1 / softness
-        pressure = np.maximum(pressure - step * way, 0) * allowed
-        grown = outside & (pressure == 0)
-        pressure[grown] -= step * distance[grown]
-        before = 0.0 if grown.any() else square
-        if total is not None:
-            pressure *= total / pressure.sum()
+            product -= float(answer[touching].mean()) * float(way.sum())
+        # A contact of one pixel has no direction: its neighbours are pressed by what would close the gap alone.
+        step = float((inside * way).sum()) / product if product > 0 else 1 / _softness(moved, touching)
+        stepped = pressure - step * way
+        pressure = np.maximum(stepped, 0)
+        pressure[outside] -= step * distance[outside]
+        before = 0.0 if outside.any() else square
+        scale = 1.0 if total is None else total / float(pressure.sum())
+        changed = outside.any() or (stepped < 0).any()  # else the motion follows without another transform
+        pressure *= scale
+        move = moved(pressure) if changed else scale * (move - step * answer)
     raise NotConverged(f"the contact did not settle in {ITERATIONS} iterations: {deepest:g} m of penetration are left")
+
+
+def _softness(moved: Callable[[np.ndarray], np.ndarray], touching: np.ndarray) -> float:
+    """The motion of one pixel in contact by a unit pressure on it."""
+    one = np.zeros(touching.shape)
+    one.flat[np.argmax(touching)] = 1
+    return float(moved(one).flat[np.argmax(touching)])
 
 
 def press(
@@ -247,12 +256,12 @@ def press(
     gel, area = face(layer, surface.shape, tuple(pixel), dtype), pixel[0] * pixel[1]
     first = surface[allowed].min()
     gap = surface - first
-    pressure, approach = contact(gel.indentation, gap, force / area, _start(gap, layer, force / area, area), tolerance)
+    start = _start(gap, layer, force / area, area)
+    pressure, indentation, approach = contact(gel.indentation, gap, force / area, start, tolerance)
     displacement, traction = gel.spread(pressure), np.zeros((*surface.shape, 2), dtype)
     if np.any(slide) or twist:
         traction = _friction(gel, pressure, np.asarray(slide, dtype), twist, friction, tolerance)
         displacement = displacement + gel.shear(traction)
-    indentation = gel.indentation(pressure)
     return Pressed(indentation, pressure, displacement, traction, force, approach, approach / layer.thickness)
 
 

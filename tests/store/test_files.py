@@ -77,7 +77,22 @@ def contents(draw):
     stage = draw(st.sampled_from(STAGES))
     objects = draw(st.integers(0, 2))
     sizes = {"o": objects, "n": draw(st.integers(0, 3)), **{axis: draw(st.integers(1, 3)) for axis in "gskpv"}}
-    sizes |= {"m": 2, "j": 2, "l": 1, "r": 2, "c": 3, "rc": 6, "b": 4, "q": 2, "w": 2, "f": 2, "h": 1, "a": 2, "i": 1, "u": 1}
+    sizes |= {
+        "m": 2,
+        "j": 2,
+        "l": 1,
+        "r": 2,
+        "c": 3,
+        "rc": 6,
+        "b": 4,
+        "q": 2,
+        "w": 2,
+        "f": 2,
+        "h": 1,
+        "a": 2,
+        "i": 1,
+        "u": 1,
+    }
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():
