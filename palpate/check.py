@@ -106,6 +106,8 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     for path in hand or ():
         if not Path(path).is_file():
             raise ConfigError(f"config grasps.hand: {path}: no such file")
+    if config["touch"]["pressed"]:
+        touch_sensor.require_material()
     frames, states = config["frames"], round(DURATION / grasps["timestep"]) + 1
     contradictions = {
         "grasps: attempts must be at least per_object": grasps["per_object"] > grasps["attempts"],
@@ -118,6 +120,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
             "touch.sensor: released data are of the DIGIT: leave it `digit`": touch_sensor.geometry
             != sensor.DIGIT.geometry,
             "hold: released data have no grasps that could be tested: set test to false": config["hold"]["test"],
+            "touch.pressed: released data have no forces: set it to false": config["touch"]["pressed"],
             "frames: released data have no grasps that could be closed again: set count to 0": frames["count"],
             "vision.cameras: released data have the paper's camera: set it to null": config["vision"]["cameras"],
         }

@@ -23,6 +23,7 @@ SHIPPED = Path(__file__).with_name("sensors")
 SCHEMA = SHIPPED / "schema.yaml"
 # Keys that decide the shapes of a sensor's arrays and its points; the others decide how a reading looks.
 GEOMETRY = ("width", "height", "resolution", "range", "gel_radius", "gel_face")
+MATERIAL = ("thickness", "shear_modulus", "poisson")  # keys of a gel that can be pressed
 Size = tuple[float, float]  # metres along z and y, in the order of rows and columns
 
 
@@ -45,6 +46,12 @@ class Sensor:
     smoothing: Mapping[str, Any] | None = None  # `pyramid`, `last`, `held`: `palpate.touch.shading.smoothed`
     # (r, c, 3) uint8 image of the untouched gel; None: the shading of the undeformed gel.
     background: np.ndarray | None = field(default=None, repr=False)
+    # What pressed readings need as well (docs/gel.md): `thickness`, `shear_modulus` and `poisson` of the gel, the size
+    # of its face (as `size`), how far the middle of a convex face stands out over its corners, and dots on it.
+    material: Mapping[str, float] | None = None
+    gel_size: Size | None = None
+    gel_sag: float = 0.0
+    markers: Mapping[str, int] | None = None
 
     @property
     def size(self) -> Size:
@@ -92,6 +99,15 @@ class Sensor:
         return self.gel_radius - np.sqrt(self.gel_radius**2 - np.minimum(self._off_axis, self.rim**2))
 
     @cached_property
+    def face_sag(self) -> np.ndarray:
+        """(r, c) metres that the face of the gel that is pressed lies below its middle: `sag`, or a convex face's."""
+        if self.gel_radius or not self.gel_sag:
+            return self.sag
+        half = np.hypot(*(self.gel_size or self.size)) / 2
+        radius = (half**2 + self.gel_sag**2) / (2 * self.gel_sag)
+        return radius - np.sqrt(radius**2 - np.minimum(self._off_axis, half**2))
+
+    @cached_property
     def reach(self) -> np.ndarray:
         """Metres (r, c) from the sensor plane within which a pixel touches: the undeformed gel; -inf beside it."""
         return np.where(self.on_gel, self.range - self.sag, -np.inf)
@@ -119,7 +135,16 @@ class Sensor:
         return {
             **{"name": self.name, "width": self.width, "height": self.height, "resolution": list(self.resolution)},
             "range": self.range,
-            "gel": "flat" if self.gel_radius is None else {"radius": self.gel_radius},
+            "gel": {
+                "face": {"radius": self.gel_radius}
+                if self.gel_radius
+                else {"sag": self.gel_sag}
+                if self.gel_sag
+                else "flat",
+                **({"size": list(self.gel_size)} if self.gel_size else {}),
+                **(self.material or {}),
+            },
+            **({"markers": dict(self.markers)} if self.markers else {}),
             **{"gel_face": self.gel_face, "lights": self.lights, "diffuse": self.diffuse},
             "smoothing": self.smoothing and dict(self.smoothing),
             "background": True if self.background is not None else None,
@@ -138,27 +163,41 @@ class Sensor:
         check(dict(description), SCHEMA, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
         resolution, gel = description["resolution"], description["gel"]
+        face = {} if gel["face"] == "flat" else gel["face"]
         rows, columns = (resolution, resolution) if isinstance(resolution, int) else resolution
         values |= {
             "resolution": (rows, columns),
             # Square pixels.
             "height": description.get("height", description["width"] * (rows / columns)),
             "gel_face": description.get("gel_face", 0.019273),  # of the DIGIT in the Allegro's tips
-            "gel_radius": None if gel == "flat" else float(gel["radius"]),
+            "gel_radius": float(face["radius"]) if "radius" in face else None,
+            "gel_sag": float(face.get("sag", 0)),
+            "gel_size": tuple(map(float, gel["size"])) if "size" in gel else None,
+            "material": {key: float(gel[key]) for key in MATERIAL} if "thickness" in gel else None,
         }
         sensor = cls(**values, background=background if description["background"] else None)
         if sensor.gel_radius is not None and sensor.gel_radius < sensor.rim:
             raise ConfigError(
-                f"{what}: gel.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its rim"
+                f"{what}: gel.face.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its "
+                "rim"
             )
         if not (sensor.range - sensor.sag > 0).all():
-            raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.radius")
+            raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.face.radius")
         for number, light in enumerate(description["lights"] if isinstance(description["lights"], list) else []):
             if ("position" in light) == ("direction" in light) or not np.any(light.get("direction", 1)):
                 raise ConfigError(f"{what}: lights.{number}: expected a position, or a direction that is not 0")
         if not all(far or place[2] >= sensor.range for place, _, far in sensor.lamps):
             raise ConfigError(f"{what}: lights.height must be range or more: no surface in range above the lights")
         return sensor
+
+    def require_material(self) -> Mapping[str, float]:
+        """The gel's material. Raises `ConfigError` if the sensor's file does not describe a gel that can be pressed."""
+        if self.material is None or self.gel_radius is not None:
+            raise ConfigError(
+                f"touch.pressed: the gel of sensor {self.name!r} can't be pressed: its file needs gel.thickness, "
+                "gel.shear_modulus and gel.poisson, and a gel.face that is flat or {sag: m}"
+            )
+        return self.material
 
     def geometry_difference(self, other: "Sensor") -> str:
         """The values of `GEOMETRY` that differ from another sensor's, as text; empty if data of one fit the other."""

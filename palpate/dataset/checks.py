@@ -20,7 +20,7 @@ from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, Geometry, load_visual, read_record
 from palpate.sensor import DIGIT, Sensor
 from palpate.store.contract import CONTRACT
-from palpate.touch import local_points, shade
+from palpate.touch import local_points, shade, shade_pressed
 
 if TYPE_CHECKING:
     import trimesh
@@ -165,7 +165,11 @@ def check_touch(item: CheckedObject) -> Measured:
     yield "one touch", ~success.any(axis=1)
     yield "point count", np.abs(count - finite.sum(axis=(2, 3)))
     yield "points", _each_sensor(item, _points_error)
-    yield "reading", _each_sensor(item, _reading_error)
+    if "indentation" in rows:
+        yield "reading", _pressed_reading_error(item)
+        yield "pressed", _pressed_error(item)
+    else:
+        yield "reading", _each_sensor(item, _reading_error)
     if can_check("on mesh"):
         yield "on mesh", _cloud_distance(item)
 
@@ -383,6 +387,24 @@ def _reading_error(sensor: Sensor, depth: np.ndarray, reading: np.ndarray, **_: 
     if not np.isfinite(depth).any():  # of a sensor that touched nothing, none is stored
         return float(reading.max())
     return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
+
+
+def _pressed_reading_error(item: CheckedObject) -> np.ndarray:
+    """Grey levels between pressed readings and the shading of their deformed faces: (g, s)."""
+    rows = item.rows["touch"]
+    error = np.zeros(rows["success"].shape)
+    for index in np.ndindex(error.shape):
+        shaded = shade_pressed(rows["indentation"][index], item.sensor, rows["displacement"][index])
+        expected = shaded if rows["success"][index] else 0
+        error[index] = np.abs(rows["reading"][index].astype(int) - expected).max()
+    return error
+
+
+def _pressed_error(item: CheckedObject) -> np.ndarray:
+    """What the pressures within the image sum to, less the share of the force that they should, over the force."""
+    rows, area = item.rows["touch"], np.prod(item.sensor.pixel)
+    error = np.abs(rows["pressure"].sum(axis=(-2, -1), dtype=float) * area - rows["inside"] * rows["force"])
+    return np.where(rows["force"] > 0, error / np.where(rows["force"] > 0, rows["force"], 1), error)
 
 
 def _cloud_distance(item: CheckedObject) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.grasp.closing import GraspSimulation
 
+STEEPEST = np.cos(np.radians(45))  # of the angle to a sensor's axis at which a contact still presses its face
 SLOTS = 32  # contacts that are stored of a frame: of 40 grasps the most had 10
 OBJECT = -1  # in place of the number of a link
 
@@ -64,6 +65,17 @@ def sensor_wrenches(touching: Contacts, links: np.ndarray, position: np.ndarray,
     torques = np.cross(touching.position - position[:, None], forces)
     sums = [vectors.sum(axis=1, keepdims=True) @ rotation for vectors in (forces, torques)]
     return np.concatenate(sums, axis=-1)[:, 0]
+
+
+def pad_forces(found: Contacts, links: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """How hard the object presses each sensor's face: (s,) N along its axis.
+
+    Contacts that push at more than 45 degrees to the axis are of the link's sides or back and do not count.
+    links: (s,) int of the sensors. rotation: (s, 3, 3), in the frame of the contacts.
+    """
+    on_link = (found.link == links[:, None]) & (found.other == OBJECT)
+    cosine = -rotation[:, :, 0] @ found.normal.T  # (s, n): 1 where the object pushes straight onto the face
+    return np.where(on_link & (cosine > STEEPEST), found.force * cosine, 0).sum(axis=1)
 
 
 def contact_arrays(

@@ -10,6 +10,7 @@ import trimesh
 from palpate.batch import UnusableObject
 from palpate.configuration import ConfigError
 from palpate.grasp.closing import TIMESTEP, GraspSimulation
+from palpate.grasp.contacts import contacts, pad_forces
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.targets import Workspace, palm_pose, with_normals
@@ -45,6 +46,7 @@ class Grasp:
     sensor_rotation: np.ndarray  # (s, 3, 3)
     touches: np.ndarray  # (s,) bool
     penetration: float  # of the hand in the object, or in itself
+    pad_force: np.ndarray  # (s,) N, of the object on each sensor's face, along its axis
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,8 @@ class Grasper:
         depth = max(self.check.in_object(links), self.check.in_itself(links))
         if depth > self.max_penetration:
             return PENETRATING
-        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth)
+        pad_force = pad_forces(contacts(self.simulation), self.hand.sensor_link, rotation)
+        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth, pad_force)
 
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
         """A random palm pose (4, 4) at which the open hand is clear of the object; the simulation is put there."""

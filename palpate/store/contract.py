@@ -43,6 +43,7 @@ class ArraySpec:
     unit: str
     meaning: str
     optional: bool = False  # what a store that was not simulated here may lack
+    asked: bool = False  # optional, since only a config that asks for it has it
     dimensions: tuple[str, ...] = ()  # a name for each axis, as xarray takes it: `("object", "grasp", "sensor")`
 
     @property
@@ -124,7 +125,8 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
             fill="" if row["type"] == "string" else float(row["fill"]),
             unit=row["unit"],
             meaning=row["meaning"],
-            optional=row["optional"] == "yes",
+            optional=bool(row["optional"]),
+            asked=row["optional"] == "asked",
         )
         for row in rows
     }

@@ -65,18 +65,25 @@ def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     depth = np.asarray(depth, dtype=np.float32)
     if not (depth > -np.inf).all():
         raise ValueError("expected depths in metres, +inf where nothing is in range, got NaN or -inf")
-    reading = _shade_impression(smoothed(impression(depth, sensor), sensor), sensor)
+    return shade_impression(smoothed(impression(depth, sensor), sensor), sensor)
+
+
+def shade_impression(height: np.ndarray, sensor: Sensor = DIGIT, sag: np.ndarray | None = None) -> np.ndarray:
+    """Readings (..., r, c, 3) uint8 of the gel with impressions (..., r, c), m, as they are: as `shade`.
+
+    sag: (r, c) m that the undeformed face lies below its middle; default: `sensor.sag`.
+    """
+    height, sag = np.asarray(height, dtype=np.float32), sensor.sag if sag is None else sag
+    reading = _shade_face(height, sensor, sag)
     if sensor.background is None:
         return reading
-    change = reading.astype(np.int16) - _shade_impression(np.zeros(depth.shape[-2:], np.float32), sensor)
+    change = reading.astype(np.int16) - _shade_face(np.zeros(height.shape[-2:], np.float32), sensor, sag)
     return np.clip(sensor.background + change, 0, 255).astype(np.uint8)
 
 
-def _shade_impression(height: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Shading (..., r, c, 3) uint8 of the gel with impressions (..., r, c)."""
-    if sensor.gel_radius is None:
-        return lit(height, normals(height, sensor.pixel), sensor)
-    surface = height + sensor.sag.astype(np.float32)
+def _shade_face(height: np.ndarray, sensor: Sensor, sag: np.ndarray) -> np.ndarray:
+    """Shading (..., r, c, 3) uint8 of a gel with impressions (..., r, c) and the sag (r, c), without a background."""
+    surface = height + sag.astype(np.float32)
     return lit(surface, normals(surface, sensor.pixel), sensor) * sensor.on_gel[..., None]
 
 

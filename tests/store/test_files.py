@@ -21,7 +21,7 @@ from palpate.store import CONTRACT, StoreError, join, read, write
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
 SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3}
-SIZES |= {"w": 5, "f": 3, "h": 2, "a": 3}
+SIZES |= {"w": 5, "f": 3, "h": 2, "a": 3, "i": 3, "u": 2}
 STAGES = tuple(CONTRACT)
 
 
@@ -77,7 +77,22 @@ def contents(draw):
     stage = draw(st.sampled_from(STAGES))
     objects = draw(st.integers(0, 2))
     sizes = {"o": objects, "n": draw(st.integers(0, 3)), **{axis: draw(st.integers(1, 3)) for axis in "gskpv"}}
-    sizes |= {"m": 2, "j": 2, "l": 1, "r": 2, "c": 3, "rc": 6, "b": 4, "q": 2, "w": 2, "f": 2, "h": 1, "a": 2}
+    sizes |= {
+        "m": 2,
+        "j": 2,
+        "l": 1,
+        "r": 2,
+        "c": 3,
+        "rc": 6,
+        "b": 4,
+        "q": 2,
+        "w": 2,
+        "f": 2,
+        "h": 1,
+        "a": 2,
+        "i": 1,
+        "u": 1,
+    }
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():

@@ -17,6 +17,7 @@ rule grasps:
     params:
         grasps=config["grasps"],
         sensor=SENSOR.geometry,
+        pressed=config["touch"]["pressed"],
         seed=config["seed"],
     script:
         "../scripts/grasps.py"

@@ -23,6 +23,8 @@ robot = hand.from_mjcf(*snakemake.input.hand, sensor.gel_face) if mjcf_files els
 grasp.check_hand(robot, settings["timestep"], settings["max_penetration"])
 surface = store.open(snakemake.input.surface)
 made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}}
+if snakemake.params.pressed:
+    made_with["touch"] = {"pressed": True}
 made_from = seal.combine(made_with, seal.read(meshes), surface.seal)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 
@@ -33,7 +35,9 @@ def close_hand(name: str) -> dict:
     grasps_of_object = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
     omitted = ", ".join(f"{count:,} {what}" for what, count in grasps_of_object.omitted.items())
     log.info("%s: omitted: %s", name, omitted)
-    return vars(grasps_of_object)
+    return {
+        key: array for key, array in vars(grasps_of_object).items() if snakemake.params.pressed or key != "pad_force"
+    }
 
 
 grasps = each_object(points, close_hand, "grasps")
