@@ -12,6 +12,7 @@ import trimesh
 from palpate.batch import UnusableObject
 from palpate.configuration import ConfigError
 from palpate.grasp.closing import TIMESTEP, GraspSimulation
+from palpate.grasp.contacts import contacts, pad_forces
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.targets import Workspace, palm_pose, with_normals
@@ -49,6 +50,7 @@ class Grasp:
     sensor_rotation: np.ndarray  # (s, 3, 3)
     touches: np.ndarray  # (s,) bool
     penetration: float  # of the hand in the object, or in itself
+    pad_force: np.ndarray  # (s,) N, of the object on each sensor's face, along its axis
     more: dict[str, np.ndarray]  # of a grasp across the object: `palpate.grasp.across`
 
 
@@ -70,9 +72,16 @@ class Grasper:
     """One object and one hand, set up once for any number of attempts. Frames: the object's own."""
 
     def __init__(
-        self, visual, collision, surface_points, hand: Hand,
-        timestep=TIMESTEP, max_penetration=MAX_PENETRATION, thumb_share=THUMB_SHARE, sensor=DIGIT,
-    ):  # fmt: skip
+        self,
+        visual: trimesh.Trimesh,
+        collision: trimesh.Trimesh,
+        surface_points: np.ndarray,
+        hand: Hand,
+        timestep: float = TIMESTEP,
+        max_penetration: float = MAX_PENETRATION,
+        thumb_share: float = THUMB_SHARE,
+        sensor: Sensor = DIGIT,
+    ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
         Raises what `check_hand` does, and UnusableObject for an object without a face.
@@ -115,7 +124,7 @@ class Grasper:
 
     @cached_property
     def caster(self) -> RayCaster:
-        """What decides which sensors touch."""
+        """The ray caster that decides which sensors touch."""
         return RayCaster(self.visual, sensor=self.sensor)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
@@ -153,9 +162,10 @@ class Grasper:
         depth = max(self.check.in_object(links), self.check.in_itself(links))
         if depth > self.max_penetration:
             return PENETRATING
+        pad_force = pad_forces(contacts(self.simulation), self.hand.sensor_link, rotation)
         if not self.holds(pose, closed.joint_positions):
             return NOT_HELD
-        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth, more)
+        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth, pad_force, more)
 
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
         """A random palm pose (4, 4) at which the open hand is clear of the object; the simulation is put there."""
@@ -170,8 +180,8 @@ class Grasper:
 
 
 def check_hand(hand: Hand, timestep: float = TIMESTEP, max_penetration: float = MAX_PENETRATION) -> None:
-    """Raises ConfigError, as a run should before its first object, for a hand or settings that no object can be grasped
-    with: an open hand whose links penetrate each other, or what can't be simulated."""
+    """Raise ConfigError for a hand or settings that no object can be grasped with, as a run should before its first
+    object: an open hand whose links penetrate each other, or what can't be simulated."""
     PenetrationCheck(hand, trimesh.Trimesh()).require_open(max_penetration)
     try:
         GraspSimulation(hand, [], timestep)
@@ -213,7 +223,8 @@ def grasp_object(
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
     grasper = grasper_type(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
-    grasps, discarded = [], Counter()
+    grasps: list[Grasp] = []
+    discarded: Counter[str] = Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
         result = grasper.attempt(rng)
         if isinstance(result, str):

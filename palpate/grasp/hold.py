@@ -42,7 +42,7 @@ def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
     """
     solid = bool(mesh.is_volume)
     volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(surface_patches(mesh)))
-    return Body(density * volume.volume, volume.center_mass, density * volume.moment_inertia, solid)
+    return Body(float(density * volume.volume), volume.center_mass, density * volume.moment_inertia, solid)
 
 
 class HoldSimulation(GraspSimulation):
@@ -66,9 +66,9 @@ class HoldSimulation(GraspSimulation):
         self.body, self.friction = body, friction
         super().__init__(hand, patches, timestep, stiffness=stiffness)
 
-    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
-        """As `GraspSimulation.specification`."""
-        spec = super().specification(hand, patches, timestep, stiffness)
+    def specification(self) -> mujoco.MjSpec:
+        """Hand and object as for a closing, with the object's weight and friction."""
+        spec = super().specification()
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.compiler.balanceinertia = True  # of a thin plate, the sum of two moments may miss the third by rounding
         for geom in spec.geoms:
@@ -96,7 +96,7 @@ class HoldSimulation(GraspSimulation):
         duration: float,
         distance: float,
     ) -> float:
-        """How far the object's centre of mass is from its place at most, m; NaN if the engine warned.
+        """The largest distance of the object's centre of mass from its place, m; NaN if the engine warned.
 
         It starts at rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets`
         (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.
@@ -180,8 +180,8 @@ def hold_grasps(
         "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
         "held_along": held,
         "moved": np.where(simulated, moved, np.inf),
-        "mass": np.float64(simulation.model.body("object").mass[0] * simulation.weight(np.ones(3))[0]),
-        "solid": np.bool_(simulation.body.solid),
+        "mass": np.array(simulation.model.body("object").mass[0] * simulation.weight(np.ones(3))[0]),
+        "solid": np.array(simulation.body.solid),
         "wrench_radius": radius,
         "cone_margin": margin,
     }

@@ -14,7 +14,7 @@ LIGHTS, DIFFUSE = np.stack([place for place, *_ in DIGIT.lamps]), DIGIT.diffuse
 
 
 def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """D' = ReLU(w - D), metres, 0 where nothing is in range (depth +inf); w: each pixel's distance of the free gel."""
+    """Impressions D' = ReLU(w - D), metres, 0 where nothing is in range (depth +inf); w: distance of the free gel."""
     reach = sensor.range if sensor.gel_radius is None else sensor.reach.astype(depth.dtype)
     return np.maximum(reach - depth, 0)
 
@@ -34,9 +34,12 @@ def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Impressions (..., r, c) as a soft gel takes them: Taxim's approximation (Si and Yuan 2022, `deformApprox`).
 
     Gaussian filters, the standard deviations (m) of `pyramid` in turn. After each, pixels deeper than `held` of the
-    deepest get their depth back: there the gel lies on the object. Then a filter of `last`.
+    deepest get their depth back: there the gel lies on the object. Then a filter of `last`. Without settings for it
+    the impressions stay as they are.
     """
     settings = sensor.smoothing
+    if not settings:
+        return height
     held = height > settings["held"] * height.max(axis=(-2, -1), keepdims=True)
     result = height
     for sigma in settings["pyramid"]:
@@ -62,21 +65,25 @@ def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     depth = np.asarray(depth, dtype=np.float32)
     if not (depth > -np.inf).all():
         raise ValueError("expected depths in metres, +inf where nothing is in range, got NaN or -inf")
-    height = impression(depth, sensor)
-    if sensor.smoothing:
-        height = smoothed(height, sensor)
-    reading = _shade_impression(height, sensor)
+    return shade_impression(smoothed(impression(depth, sensor), sensor), sensor)
+
+
+def shade_impression(height: np.ndarray, sensor: Sensor = DIGIT, sag: np.ndarray | None = None) -> np.ndarray:
+    """Readings (..., r, c, 3) uint8 of the gel with impressions (..., r, c), m, as they are: as `shade`.
+
+    sag: (r, c) m that the undeformed face lies below its middle; default: `sensor.sag`.
+    """
+    height, sag = np.asarray(height, dtype=np.float32), sensor.sag if sag is None else sag
+    reading = _shade_face(height, sensor, sag)
     if sensor.background is None:
         return reading
-    change = reading.astype(np.int16) - _shade_impression(np.zeros(depth.shape[-2:], np.float32), sensor)
+    change = reading.astype(np.int16) - _shade_face(np.zeros(height.shape[-2:], np.float32), sensor, sag)
     return np.clip(sensor.background + change, 0, 255).astype(np.uint8)
 
 
-def _shade_impression(height: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Shading (..., r, c, 3) uint8 of the gel with impressions (..., r, c)."""
-    if sensor.gel_radius is None:
-        return lit(height, normals(height, sensor.pixel), sensor)
-    surface = height + sensor.sag.astype(np.float32)
+def _shade_face(height: np.ndarray, sensor: Sensor, sag: np.ndarray) -> np.ndarray:
+    """Shading (..., r, c, 3) uint8 of a gel with impressions (..., r, c) and the sag (r, c), without a background."""
+    surface = height + sag.astype(np.float32)
     return lit(surface, normals(surface, sensor.pixel), sensor) * sensor.on_gel[..., None]
 
 
@@ -100,5 +107,5 @@ def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.nd
 
 
 def empty_reading(sensor: Sensor = DIGIT) -> np.ndarray:
-    """(r, c, 3) uint8, the reading of a sensor that touches nothing."""
+    """The reading (r, c, 3) uint8 of a sensor that touches nothing."""
     return shade(np.full(sensor.resolution, np.inf), sensor)

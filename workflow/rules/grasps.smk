@@ -24,6 +24,7 @@ rule grasps:
         grasps=config["grasps"],
         hold=GRASPS_HOLD,
         sensor=SENSOR.geometry,
+        pressed=config["touch"]["pressed"],
         seed=config["seed"],
     script:
         "../scripts/grasps.py"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import grasp, hand, mesh, provenance, store
+from palpate import grasp, hand, mesh, seal, store
 from palpate.batch import each_object, generator
 from palpate.sensor import DIGIT
 
@@ -28,7 +28,9 @@ chosen = {key: settings.pop(key) for key in ("placement", "object", "grip", "kee
 hold = dict(snakemake.params.hold)  # empty if it plays no part
 made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor, **(chosen | hold if hold else {})}}
 grasper_type = grasp.grasper_type(chosen, hold)
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), surface.made)
+if snakemake.params.pressed:
+    made_with["touch"] = {"pressed": True}
+made_from = seal.combine(made_with, seal.read(meshes), surface.seal)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 
 
@@ -36,13 +38,16 @@ def close_hand(name: str) -> dict:
     visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
     draw = generator(seed, name, "grasps")
     options = {**settings, "sensor": sensor, "grasper_type": grasper_type}
-    found = grasp.grasp_object(visual, collision, points[name], robot, draw, **options)
-    omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
+    grasps_of_object = grasp.grasp_object(visual, collision, points[name], robot, draw, **options)
+    omitted = ", ".join(f"{count:,} {what}" for what, count in grasps_of_object.omitted.items())
     log.info("%s: omitted: %s", name, omitted)
+    more = grasps_of_object.more
     if chosen["keep"] == "hold":
-        log.info("%s: %d attempts, %d grasps, of which %d hold", name, found.attempts, found.made, len(found.touches))
-        found.more["made"] = np.int32(found.made)
-    return vars(found) | found.more
+        tried, made, held = grasps_of_object.attempts, grasps_of_object.made, len(grasps_of_object.touches)
+        log.info("%s: %d attempts, %d grasps, of which %d hold", name, tried, made, held)
+        more["made"] = np.int32(made)
+    arrays = vars(grasps_of_object) | more
+    return {key: array for key, array in arrays.items() if snakemake.params.pressed or key != "pad_force"}
 
 
 grasps = each_object(points, close_hand, "grasps")
