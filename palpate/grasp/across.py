@@ -2,18 +2,18 @@
 is kept if it holds the object."""
 
 from collections.abc import Callable, Mapping
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-import trimesh
 
 from palpate.batch import UnusableObject
-from palpate.grasp.antipodal import Placement, opposing_points, oppositions_of
+from palpate.grasp.antipodal import Oppositions, Placement, opposing_points, oppositions, place
+from palpate.grasp.contacts import Contacts, on_object
 from palpate.grasp.grasp import BLOCKED, ONE_SIDE, Grasp, Grasper
 from palpate.grasp.gripping import GripSimulation
 from palpate.grasp.hold import DIRECTIONS, GRAVITY, HoldSimulation, body_of
-from palpate.grasp.patches import surface_patches
+from palpate.grasp.targets import Workspace
 from palpate.mesh import OBJECT_POSITION
 from palpate.surface.embree import RayMesh
 
@@ -33,34 +33,26 @@ class HoldTest(NamedTuple):
 class HoldingGrasper(Grasper):
     """A `Grasper` that keeps grasps that hold only."""
 
-    def __init__(
-        self,
-        visual: trimesh.Trimesh,
-        collision: trimesh.Trimesh,
-        *args: Any,
-        test: HoldTest,
-        only_held: bool = True,
-        **kwargs: Any,
-    ):
+    def __init__(self, *args: Any, test: HoldTest, only_held: bool = True, **kwargs: Any):
         """test: which grasps hold. only_held: whether others are not kept. Others as for `Grasper`."""
-        self.test, self.only_held, self.collision = test, only_held, collision
-        super().__init__(visual, collision, *args, **kwargs)
+        self.test, self.only_held = test, only_held
+        super().__init__(*args, **kwargs)
 
-    def loose(self, simulation: Callable[..., HoldSimulation]) -> Any:
+    def loose(self, simulation: Callable[..., Any] = HoldSimulation) -> Any:
         """A simulation of the object with its mass and friction."""
-        patches, body = surface_patches(self.collision), body_of(self.collision, self.test.density)
-        return simulation(self.hand, patches, body, self.test.friction, self.timestep)
+        body = body_of(self.collision, self.test.density)
+        return simulation(self.hand, self.patches, body, self.test.friction, self.timestep)
 
     @cached_property
     def loose_simulation(self) -> HoldSimulation:
         """As `Grasper.loose_simulation`."""
-        return self.loose(HoldSimulation)
+        return self.loose()
 
     def holds(self, pose: np.ndarray, joint_positions: np.ndarray) -> bool:
         """As `Grasper.holds`; the test ends with the first direction along which the object is lost."""
-        pose, servos = pose.copy(), self.servo_positions()
-        pose[:3, 3] = pose[:3, 3] + OBJECT_POSITION - OBJECT_POSITION  # rounded as `hold_grasps` will have it
-        at_rest, limits = (pose, joint_positions, servos), (self.test.duration, self.test.distance)
+        in_world = pose.copy()
+        in_world[:3, 3] = pose[:3, 3] + OBJECT_POSITION - OBJECT_POSITION  # rounded as `hold_grasps` will have it
+        at_rest, limits = (in_world, joint_positions, self.servo_positions()), (self.test.duration, self.test.distance)
         return not self.only_held or all(
             self.loose_simulation.moved(*at_rest, GRAVITY * axis, *limits) <= self.test.distance for axis in DIRECTIONS
         )
@@ -86,10 +78,10 @@ class AntipodalGrasper(HoldingGrasper):
         self.grip, self.is_loose = grip, is_loose
         super().__init__(*args, **kwargs)
         self.rays, self.oppositions = RayMesh(self.visual), oppositions_of(self.workspace)
-        if not len(self.oppositions.width):
+        if not len(self.oppositions.joints):
             raise UnusableObject(f"no two fingers of hand {self.hand.name!r} oppose each other: name them (`opposes`)")
 
-    def simulate(self, collision: trimesh.Trimesh, patches: list[np.ndarray], timestep: float) -> GripSimulation:
+    def simulate(self) -> GripSimulation:
         """As `Grasper.simulate`."""
         return self.loose(partial(GripSimulation, grip=self.grip, loose=self.is_loose))
 
@@ -106,50 +98,39 @@ class AntipodalGrasper(HoldingGrasper):
     def across(self, rng: np.random.Generator) -> Placement | None:
         """A placement about a random pair of points at which the hand is clear of the object, if one is found; the
         simulation is put there."""
-        widest, tried = float(self.oppositions.width.max()), 0
+        tried, widest = 0, float(self.oppositions.width.max())
         for _ in range(PLACEMENTS):
             pairs = opposing_points(self.surface, self.rays, self.test.friction, widest, rng)
-            for pair in pairs[rng.permutation(len(pairs))]:
+            for pair in pairs[: PLACEMENTS - tried]:
                 tried += 1
-                axis = (pair[1] - pair[0]) / np.linalg.norm(pair[1] - pair[0])
-                placed = self.oppositions.placement(pair, axis, self.surface, rng)
+                placed = place(self.workspace, self.oppositions, pair, self.surface, rng)
                 if placed is not None and self.is_free(placed):
                     return placed
-                if tried == PLACEMENTS:
-                    return None
         return None
 
     def is_free(self, placed: Placement) -> bool:
         """Whether the hand is clear of the object and of itself; the simulation is put there."""
-        self.put(placed)
+        self.placed, self.simulation.sides = placed, placed.sides
+        self.simulation.place(placed.pose, placed.joints)
         links = self.hand.forward(placed.pose, placed.joints)
         clear = not self.simulation.in_contact() and not self.check.in_object(links)
         return clear and self.check.in_itself(links) <= self.max_penetration
 
-    def put(self, placed: Placement) -> None:
-        """Put the simulation at a placement."""
-        self.placed, self.simulation.sides = placed, placed.sides
-        self.simulation.place(placed.pose, placed.joints)
-
-    def place_again(self, kept: Mapping[str, np.ndarray], number: int) -> None:
-        """Put the simulation where the closing of one of an object's kept grasps began."""
-        names = "start_pose", "start_positions", "target_positions", "sensor_side"
-        self.put(Placement(*(kept[name][number] for name in names)))
-
-    def palm_pose(self, placed: np.ndarray) -> np.ndarray:
-        """As `Grasper.palm_pose`: the object has moved."""
-        return np.linalg.inv(self.simulation.object_pose) @ placed if self.is_loose else placed
-
-    def at_rest(self) -> dict[str, np.ndarray] | str:
+    def at_rest(self, touching: Contacts) -> dict[str, np.ndarray] | str:
         """As `Grasper.at_rest`: how the closing began, where the servos are, and the forces on the object."""
-        contacts, placed = self.simulation.contacts(), self.placed
-        links = self.simulation.link_body == contacts.body[:, None]
-        force = (links * contacts.force[:, :1]).sum(axis=0)
+        placed, pressed = self.placed, on_object(touching)
+        force = (pressed.force * (pressed.link == self.hand.sensor_link[:, None])).sum(axis=1)
         if min(force[placed.sides == side].sum() for side in (-1, 1)) < LEAST_FORCE * self.grip:
             return ONE_SIDE
         start = {"start_pose": placed.pose, "start_positions": placed.joints, "target_positions": placed.targets}
         servos = {"servo_positions": self.servo_positions(), "sensor_force": force}
         return start | servos | {"sensor_side": placed.sides}
+
+
+@lru_cache(maxsize=1)
+def oppositions_of(workspace: Workspace) -> Oppositions:
+    """The hand's ways of opposing, made once a process."""
+    return oppositions(workspace, np.random.default_rng(0))
 
 
 def grasper_type(grasps: Mapping[str, Any], hold: Mapping[str, Any]) -> Callable[..., Grasper]:

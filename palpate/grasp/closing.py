@@ -50,6 +50,7 @@ class GraspSimulation:
     """
 
     loose = False  # whether the object can move
+    sides: np.ndarray  # of a grip: `palpate.grasp.gripping`
 
     def __init__(
         self,
@@ -123,6 +124,10 @@ class GraspSimulation:
         """Pose (4, 4) of the object in the present state: the identity, where it is held."""
         return np.eye(4)
 
+    def seen_from_object(self, pose: np.ndarray) -> np.ndarray:
+        """A pose (4, 4) relative to the object in the present state, if it is that before the object has moved."""
+        return np.linalg.inv(self.object_pose) @ pose if self.loose else pose
+
     def in_contact(self) -> bool:
         """Whether the hand touches the object in the present state; contact with itself does not count."""
         one, other = (self.model.geom_bodyid[self.data.contact.geom] == self._object).T
@@ -151,7 +156,11 @@ class GraspSimulation:
         """The state after each step of `close`; it is the simulation's own and changes with the next step."""
         model, data = self.model, self.data
         start, targets = data.qpos[self._joints][self._drivers], targets[self._drivers]
-        for share in self.ramp:
-            data.ctrl[:] = start + share * (targets - start)
+        for step, share in enumerate(self.ramp):
+            self.steer(step, start + share * (targets - start))
             mujoco.mj_step(model, data)
             yield data
+
+    def steer(self, step: int, aim: np.ndarray) -> None:
+        """Set the servos for a step of a closing; aim: their targets, on the way to where the closing ends."""
+        self.data.ctrl[:] = aim

@@ -25,6 +25,7 @@ class Contacts(NamedTuple):
     force: np.ndarray  # (n,) N, at least 0
     link: np.ndarray  # (n,) int
     other: np.ndarray  # (n,) int: the link that it touches, or `OBJECT`
+    tangential: np.ndarray  # (n, 3) N, by friction, on the link
 
 
 def contacts(simulation: GraspSimulation) -> Contacts:
@@ -44,19 +45,29 @@ def contacts(simulation: GraspSimulation) -> Contacts:
     force = np.zeros((data.ncon, 6))
     for number, wrench in enumerate(force):
         mujoco.mj_contactForce(model, data, number, wrench)
+    frame, sign = (
+        data.contact.frame.reshape(-1, 3, 3),
+        np.where(swapped, -1, 1)[:, None],
+    )  # the engine's is of the second
     unordered = Contacts(
         position=data.contact.pos,
-        normal=data.contact.frame[:, :3] * np.where(swapped, -1, 1)[:, None],  # the engine's is into the second
+        normal=frame[:, 0] * sign,
         force=force[:, 0],
         link=np.where(swapped, first, second),
         other=np.where(swapped, second, first),
+        tangential=(force[:, None, 1:3] @ frame[:, 1:])[:, 0] * sign,
     )
     if simulation.loose:
         pose = simulation.object_pose
-        position = (unordered.position - pose[:3, 3]) @ pose[:3, :3]
-        unordered = unordered._replace(position=position, normal=unordered.normal @ pose[:3, :3])
+        vectors = {name: getattr(unordered, name) @ pose[:3, :3] for name in ("normal", "tangential")}
+        unordered = unordered._replace(position=(unordered.position - pose[:3, 3]) @ pose[:3, :3], **vectors)
     order = np.argsort(-unordered.force, kind="stable")
     return Contacts(*(values[order] for values in unordered))
+
+
+def on_object(touching: Contacts) -> Contacts:
+    """Those of the contacts that are with the object."""
+    return Contacts(*(values[touching.other == OBJECT] for values in touching))
 
 
 def sensor_wrenches(touching: Contacts, links: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -91,7 +102,7 @@ def contact_arrays(
     others the `SLOTS` with the largest forces are kept, and slots without a contact are 0.
     """
     arrays = {"contact_count": np.array([len(frame.force) for frame in frames])}
-    for name in Contacts._fields:
+    for name in Contacts._fields[:-1]:
         columns = [getattr(frame, name)[:SLOTS] for frame in frames]
         padded = np.zeros((len(frames), SLOTS, *columns[0].shape[1:]), columns[0].dtype)
         for slots, values in zip(padded, columns, strict=True):

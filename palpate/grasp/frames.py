@@ -37,9 +37,10 @@ def kept_closings(
     DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
     """
     if "start_pose" in kept:
-        for number, pose in enumerate(kept["start_pose"]):
-            grasper.place_again(kept, number)
-            yield number, pose, kept["target_positions"][number]
+        for number, (pose, targets) in enumerate(zip(kept["start_pose"], kept["target_positions"], strict=True)):
+            grasper.simulation.sides = kept["sensor_side"][number]
+            grasper.simulation.place(pose, kept["start_positions"][number])
+            yield number, pose, targets
         return
     palms, drawn_again = kept["palm_pose"], 0
     for _ in range(int(kept["attempts"])):
@@ -86,7 +87,7 @@ def closing_frames(
         states, poses, touching = [], [], []
         for _ in simulation.frames(targets, set(steps.tolist())):
             states.append(simulation.joint_state)
-            poses.append(grasper.palm_pose(pose))
+            poses.append(simulation.seen_from_object(pose))
             touching += [contacts(simulation)] if with_contacts else []
         joints, velocities = map(np.array, zip(*states, strict=True))
         links = hand.forward(np.array(poses), joints)

@@ -1,7 +1,7 @@
 """Grasps of one object: attempts until enough of them are valid, of which the best are kept."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Any
@@ -12,7 +12,7 @@ import trimesh
 from palpate.batch import UnusableObject
 from palpate.configuration import ConfigError
 from palpate.grasp.closing import TIMESTEP, GraspSimulation
-from palpate.grasp.contacts import contacts, pad_forces
+from palpate.grasp.contacts import Contacts, contacts, pad_forces
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.targets import Workspace, palm_pose, with_normals
@@ -89,33 +89,23 @@ class Grasper:
         self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
         self.workspace = workspace_of(hand)
         self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
-        patches = surface_patches(collision)
-        if not patches:
+        self.collision, self.patches = collision, surface_patches(collision)
+        if not self.patches:
             raise UnusableObject("the collision mesh has no surface that a finger could stop at")
-        self.simulation = self.simulate(collision, patches, timestep)
-        self.omitted = omitted(hand, len(patches), len(visual.faces))
+        self.simulation = self.simulate()
+        self.omitted = omitted(hand, len(self.patches), len(visual.faces))
         self.check = PenetrationCheck(hand, visual)
         self.check.require_open(max_penetration)
         self.visual, self.sensor = visual, sensor
 
-    @property
-    def loose_simulation(self) -> Any:
-        """The simulation in which the object is let go; None for one without a grip."""
-        return None
+    loose_simulation: Any = None  # in which the object is let go, if the grasper has one
 
-    def simulate(self, collision: trimesh.Trimesh, patches: list[np.ndarray], timestep: float) -> GraspSimulation:
+    def simulate(self) -> GraspSimulation:
         """The simulation of a closing."""
-        return GraspSimulation(self.hand, patches, timestep)
+        return GraspSimulation(self.hand, self.patches, self.timestep)
 
-    def palm_pose(self, placed: np.ndarray) -> np.ndarray:
-        """The palm's pose (4, 4) in the present state, in the object's frame, if it was placed at `placed` (4, 4)."""
-        return placed
-
-    def place_again(self, kept: Mapping[str, np.ndarray], number: int) -> None:
-        """Put the simulation where the closing of a kept grasp began, if the grasp says so: `palpate.grasp.across`."""
-
-    def at_rest(self) -> dict[str, np.ndarray] | str:
-        """What else a grasp has in the present state, by name; or the reason for which it is none."""
+    def at_rest(self, touching: Contacts) -> dict[str, np.ndarray] | str:
+        """What else a grasp with these contacts has, by name; or the reason for which it is none."""
         return {}
 
     def holds(self, pose: np.ndarray, joint_positions: np.ndarray) -> bool:
@@ -151,9 +141,11 @@ class Grasper:
             return UNSETTLED
         if self.hand.out_of_range(closed.joint_positions) > MAX_OUT_OF_RANGE:
             return OUT_OF_RANGE
-        pose, more = self.palm_pose(pose), self.at_rest()
+        touching = contacts(self.simulation)
+        more = self.at_rest(touching)
         if isinstance(more, str):
             return more
+        pose = self.simulation.seen_from_object(pose)
         links = self.hand.forward(pose, closed.joint_positions)
         position, rotation = self.hand.sensor_frames(links)
         touches = self.caster.succeeds(position, rotation)
@@ -162,7 +154,7 @@ class Grasper:
         depth = max(self.check.in_object(links), self.check.in_itself(links))
         if depth > self.max_penetration:
             return PENETRATING
-        pad_force = pad_forces(contacts(self.simulation), self.hand.sensor_link, rotation)
+        pad_force = pad_forces(touching, self.hand.sensor_link, rotation)
         if not self.holds(pose, closed.joint_positions):
             return NOT_HELD
         return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth, pad_force, more)

@@ -1,7 +1,5 @@
 """Closing with friction and a given force, on an object that is held or loose."""
 
-from collections.abc import Iterator
-
 import mujoco
 import numpy as np
 
@@ -22,7 +20,10 @@ DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, 
 
 class GripSimulation(HoldSimulation):
     """A `HoldSimulation` whose closing ends with a given force: the fingers of each of the two sides that touch the
-    object press with `grip` N along the line between them, whatever the servos' gain. No gravity acts meanwhile."""
+    object press with `grip` N along the line between them, whatever the servos' gain. No gravity acts meanwhile.
+
+    `sides` (s,), to be set before a closing, are those of the object that the sensors press: -1 or 1, 0 for none.
+    """
 
     def __init__(
         self,
@@ -36,72 +37,50 @@ class GripSimulation(HoldSimulation):
         stiffness: float = GAIN,
     ):
         """grip: N. loose: whether the object can move. Others as for `HoldSimulation`."""
-        self.grip, self.loose = grip, loose
-        self.heavier = max(1.0, LEAST_MASS / body.mass)
+        self.grip, self.loose, self.heavier = grip, loose, max(1.0, LEAST_MASS / body.mass)
         body = body._replace(mass=self.heavier * body.mass, inertia=self.heavier * body.inertia)
         super().__init__(hand, patches, body, friction, timestep, stiffness)
-        self.model.opt.impratio = IMPRATIO
         model = self.model
-        slides = hand.joint_slides[self._drivers]
-        limit = STRONGEST * grip * np.where(slides, 1.0, ARM)
+        model.opt.impratio = IMPRATIO
+        limit = STRONGEST * grip * np.where(hand.joint_slides[self._drivers], 1.0, ARM)
         model.actuator_forcerange[:] = np.stack([-limit, limit], axis=-1)
-        self._gain = model.actuator_gainprm[:, 0]
-        self.sides = np.zeros(len(hand.sensor_link), dtype=int)  # the side of the object of each sensor; 0: of none
-        self._moves = (sensor_joints(hand) @ (hand.joint_driver[:, None] == hand.joint_driver))[:, hand.drivers]
-        self.link_body = np.array([model.body(hand.link_names[link]).id for link in hand.sensor_link])
-        self._gel = hand.sensor_position + hand.contact_distance()[:, None] * hand.sensor_rotation[:, :, 0]
-        inertia = np.repeat([model.body_mass[self._object], model.body_inertia[self._object].mean()], 3)
-        self._drag = np.append(model.dof_damping[: len(hand.joint_link)], inertia / DRAG)[: model.nv]
-        self._no_drag = model.dof_damping.copy()
+        self._moves = sensor_joints(hand) @ (hand.joint_driver[:, None] == hand.joint_driver)[:, hand.drivers]
+        self._drag = np.repeat([model.body_mass[self._object], model.body_inertia[self._object].mean()], 3) / DRAG
 
-    def weight(self, gravity: np.ndarray) -> np.ndarray:
-        """As `HoldSimulation.weight`: the object's own weight, on a body that may be heavier."""
-        return gravity / self.heavier
+    def specification(self) -> mujoco.MjSpec:
+        """As `HoldSimulation.specification`, with the gels as sites."""
+        spec, hand = super().specification(), self.hand
+        gels = hand.sensor_position + hand.contact_distance()[:, None] * hand.sensor_rotation[:, :, 0]
+        for link, gel in zip(hand.sensor_link, gels, strict=True):
+            spec.body(hand.link_names[link]).add_site(pos=gel)
+        return spec
 
-    @property
-    def object_pose(self) -> np.ndarray:
-        """As `GraspSimulation.object_pose`; of a loose object where it has moved to."""
-        if not self.loose:
-            return np.eye(4)
-        pose, rotation = np.eye(4), np.zeros(9)  # not `xpos`, which after a step is that before it
-        mujoco.mju_quat2Mat(rotation, self.data.qpos[-4:])
-        pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), self.data.qpos[-7:-4]
-        return pose
-
-    def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
-        """As `GraspSimulation.closing`; in the second part the servos' targets go beyond the fingers by as much as
-        the grip takes."""
-        model, data = self.model, self.data
-        model.opt.gravity, model.dof_damping[:] = np.zeros(3), self._drag
-        start, targets = data.qpos[self._joints][self._drivers], targets[self._drivers]
+    def steer(self, step: int, aim: np.ndarray) -> None:
+        """As `GraspSimulation.steer`; in the second part of a closing the servos' targets go beyond the fingers by as
+        much as the grip takes."""
         begin, end = round(RAMP * self.steps), round(GRIPPED * self.steps)
-        for step, share in enumerate(self.ramp):
-            if step < begin:
-                data.ctrl[:] = start + share * (targets - start)
-            elif step < end and (step - begin) % UPDATE == 0:
-                self._press(min(1.0, 2 * (step - begin + UPDATE) / (end - begin)))
-            mujoco.mj_step(model, data)
-            yield data
-        model.dof_damping[:] = self._no_drag
+        if step == 0:
+            self.set_forces(np.zeros(3), self._drag[: 6 * self.loose])
+        if step < begin:
+            super().steer(step, aim)
+        elif step < end and (step - begin) % UPDATE == 0:
+            self._press(min(1.0, 2 * (step - begin + UPDATE) / (end - begin)))
 
     def _press(self, share: float) -> None:
         """Set the servos' targets so that they press with this share of the grip."""
         model, data = self.model, self.data
-        touched = np.zeros(model.nbody, dtype=bool)
         bodies = model.geom_bodyid[data.contact.geom].reshape(-1, 2)
-        touched[bodies[(bodies == self._object).any(axis=1)]] = True
-        press = np.flatnonzero((self.sides != 0) & touched[self.link_body])
-        bodies = self.link_body[press]
-        rotation, sides = data.xmat[bodies].reshape(-1, 3, 3), self.sides[press]
-        gels = data.xpos[bodies] + (rotation @ self._gel[press, :, None])[..., 0]
+        touching = bodies[(bodies == self._object).any(axis=1)]
+        press = np.flatnonzero((self.sides != 0) & np.isin(model.site_bodyid, touching))
+        sides, gels = self.sides[press], data.site_xpos[press]
         if not {-1, 1} <= set(sides):
             return
-        ends = [gels[sides == side].mean(axis=0) for side in (-1, 1)]
-        along = (ends[1] - ends[0]) / max(np.linalg.norm(ends[1] - ends[0]), 1e-9)
+        along = gels[sides == 1].mean(axis=0) - gels[sides == -1].mean(axis=0)
+        along /= max(np.linalg.norm(along), 1e-9)
         joints, torques, jacobian = data.qpos[self._joints], np.zeros(model.nv), np.zeros((3, model.nv))
-        for body, gel, side in zip(bodies, gels, sides, strict=True):
-            mujoco.mj_jac(model, data, jacobian, None, gel, body)
+        for gel, side in zip(press, sides, strict=True):
+            mujoco.mj_jacSite(model, data, jacobian, None, gel)
             torques -= share * self.grip / (sides == side).sum() * side * along @ jacobian
-        beyond = torques[: len(joints)] @ self.hand.follow_slopes(joints)
+        beyond = (torques[: len(joints)] @ self.hand.follow_slopes(joints))[self._drivers]
         pressing = self._moves[press].any(axis=0)
-        data.ctrl[pressing] = (joints[self._drivers] + beyond[self._drivers] / self._gain)[pressing]
+        data.ctrl[pressing] = (joints[self._drivers] + beyond / model.actuator_gainprm[:, 0])[pressing]

@@ -11,10 +11,11 @@ import numpy as np
 import trimesh
 
 from palpate.grasp.closing import GraspSimulation
+from palpate.grasp.contacts import Contacts, contacts, on_object
 from palpate.grasp.frames import kept_closings
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
-from palpate.grasp.quality import ObjectContacts, cone_margin, object_contacts, wrench_radius
+from palpate.grasp.quality import cone_margin, wrench_radius
 from palpate.hand import Hand
 from palpate.hand.model import STIFFNESS
 from palpate.mesh import OBJECT_POSITION
@@ -51,7 +52,7 @@ class HoldSimulation(GraspSimulation):
     Friction cones are elliptic: with pyramids a contact resists less along their diagonals.
     """
 
-    loose = True  # whether the object can move
+    loose, heavier = True, 1.0  # whether the object can move; of the simulated mass, over the object's
 
     def __init__(
         self,
@@ -83,9 +84,19 @@ class HoldSimulation(GraspSimulation):
         free.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         return spec
 
-    def weight(self, gravity: np.ndarray) -> np.ndarray:
-        """The acceleration (3,) with which the simulated body has the object's weight."""
-        return gravity
+    @property
+    def object_pose(self) -> np.ndarray:
+        """As `GraspSimulation.object_pose`; of a loose object where it has moved to."""
+        pose, rotation = np.eye(4), np.zeros(9)
+        if self.loose:  # not `xpos`, which after a step is that before it
+            mujoco.mju_quat2Mat(rotation, self.data.qpos[-4:])
+            pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), self.data.qpos[-7:-4]
+        return pose
+
+    def set_forces(self, gravity: np.ndarray, damping: np.ndarray | float = 0.0) -> None:
+        """Let the object's weight be that of `gravity` (3,), m / s^2, and damp its six velocities."""
+        self.model.opt.gravity = gravity / self.heavier
+        self.model.dof_damping[self._joints.stop :] = damping
 
     def moved(
         self,
@@ -102,7 +113,7 @@ class HoldSimulation(GraspSimulation):
         (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.
         """
         model, data = self.model, self.data
-        model.opt.gravity = self.weight(gravity)
+        self.set_forces(gravity)
         self.place(palm_pose, joint_positions)
         data.ctrl[:] = targets[self._drivers]
         start, farthest = data.xipos[self._object].copy(), 0.0
@@ -115,18 +126,13 @@ class HoldSimulation(GraspSimulation):
         warned = any(warning.number for warning in data.warning) or not np.isfinite(data.qpos).all()
         return np.nan if warned else farthest
 
-    def pressed(self, palm_pose: np.ndarray, joint_positions: np.ndarray, targets: np.ndarray) -> ObjectContacts:
+    def pressed(self, palm_pose: np.ndarray, joint_positions: np.ndarray, targets: np.ndarray) -> Contacts:
         """The contacts with the object without gravity, `RESTED` s after the start of `moved`."""
-        self.model.opt.gravity = np.zeros(3)
+        self.set_forces(np.zeros(3))
         self.place(palm_pose, joint_positions)
         self.data.ctrl[:] = targets[self._drivers]
         mujoco.mj_step(self.model, self.data, round(RESTED / self.model.opt.timestep))
-        return self.contacts()
-
-    def contacts(self) -> ObjectContacts:
-        """The contacts with the object in the present state."""
-        mujoco.mj_forward(self.model, self.data)
-        return object_contacts(self.model, self.data, self._object)
+        return on_object(contacts(self))
 
 
 def held_poses(
@@ -163,8 +169,8 @@ def hold_grasps(
     """
     simulation = grasper.loose_simulation
     if simulation is None:
-        timestep, body = grasper.simulation.model.opt.timestep, body_of(collision, density)
-        simulation = HoldSimulation(grasper.hand, surface_patches(collision), body, friction, timestep)
+        body = body_of(collision, density)
+        simulation = HoldSimulation(grasper.hand, grasper.patches, body, friction, grasper.timestep)
     length = np.linalg.norm(collision.vertices - simulation.body.centre, axis=1).max()
     moved = np.full((len(kept["palm_pose"]), len(DIRECTIONS)), np.nan)
     radius, margin = np.zeros((2, len(moved)))
@@ -180,7 +186,7 @@ def hold_grasps(
         "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
         "held_along": held,
         "moved": np.where(simulated, moved, np.inf),
-        "mass": np.array(simulation.model.body("object").mass[0] * simulation.weight(np.ones(3))[0]),
+        "mass": np.array(simulation.model.body("object").mass[0] / simulation.heavier),
         "solid": np.array(simulation.body.solid),
         "wrench_radius": radius,
         "cone_margin": margin,

@@ -52,6 +52,13 @@ def palm_pose(hand: Hand, surface: Surface, rng: np.random.Generator) -> np.ndar
     return face @ np.linalg.inv(hand.palm_anchor)
 
 
+def tangents(normals: np.ndarray) -> np.ndarray:
+    """Of unit vectors (..., 3) two others (..., 2, 3) that are orthogonal to them and to each other."""
+    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(normals, first)], axis=-2)
+
+
 class Workspace:
     """Reachable positions and directions of a hand's sensors, in the palm frame; the same for every object."""
 

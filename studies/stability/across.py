@@ -12,6 +12,7 @@ import trimesh
 from palpate.batch import generator
 from palpate.grasp.across import AntipodalGrasper, HoldTest
 from palpate.grasp.closing import TIMESTEP
+from palpate.grasp.contacts import contacts, on_object
 from palpate.grasp.gripping import GAIN, GripSimulation
 from palpate.grasp.hold import DIRECTIONS, GRAVITY, body_of
 from palpate.grasp.patches import surface_patches
@@ -82,5 +83,5 @@ def gains(subject) -> Iterator[Finding]:
         joints = simulation.close(np.full(2, HALF - 0.01)).joint_positions
         servo = gain * GAIN / ARM**2 * (joints - simulation.data.ctrl)
         yield at_most(f"gain x{gain:g}: servos off the grip", 100 * np.abs(servo / GRIP - 1).max(), 5, "%")
-        force = simulation.contacts().force[:, 0].sum() / 2
+        force = on_object(contacts(simulation)).force.sum() / 2
         yield at_most(f"gain x{gain:g}: contacts off the grip", 100 * abs(force / GRIP - 1), 5, "%")

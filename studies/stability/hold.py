@@ -115,7 +115,7 @@ def unbalanced(simulation: GraspSimulation, pose: np.ndarray, targets: np.ndarra
     mujoco.mj_forward(model, data)
     torques, jacobian = data.qfrc_actuator.copy(), np.zeros((3, model.nv))
     largest = np.abs(torques).max()
-    for place, normal, force, *pair in zip(*contacts(simulation), strict=True):
+    for place, normal, force, *pair, _ in zip(*contacts(simulation), strict=True):
         for link, sign in zip(pair, (1, -1), strict=True):
             if link != OBJECT:
                 mujoco.mj_jac(model, data, jacobian, None, place, model.body(HAND.link_names[link]).id)

@@ -52,7 +52,8 @@ def contacts_of(arrays, index, draw):
         place = arrays["sensor_position"][index][0, 0] + draw.normal(scale=0.01, size=(count, 3))
         link = draw.choice([*HAND.sensor_link, 2], count)
         force = -np.sort(-draw.uniform(0, 2, count))
-        frames.append(Contacts(place, normal, force, link, np.where(draw.random(count) < 0.8, OBJECT, 1)))
+        other = np.where(draw.random(count) < 0.8, OBJECT, 1)
+        frames.append(Contacts(place, normal, force, link, other, np.zeros((count, 3))))
     poses = (arrays[name][index] for name in ("sensor_position", "sensor_rotation"))
     return contact_arrays(frames, HAND.sensor_link, *poses)
 

@@ -6,30 +6,38 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from palpate.grasp.quality import EDGES, ObjectContacts, cone_margin, wrench_radius
+from palpate.grasp.contacts import OBJECT, Contacts
+from palpate.grasp.quality import EDGES, cone_margin, wrench_radius
 
 
 def contacts(position, normal, force):
-    """Contacts with these points, normals into the object, and forces along them and two tangents."""
-    normal = np.array(normal) / np.linalg.norm(normal, axis=1, keepdims=True)
+    """Contacts with these points, normals into the object, and forces (n, 3) of the object, each on another link."""
+    normal = -np.array(normal) / np.linalg.norm(normal, axis=1, keepdims=True)
+    along = np.einsum("ni,ni->n", normal, force)
+    links = np.arange(len(normal)), np.full(len(normal), OBJECT)
+    return Contacts(np.array(position), normal, along, *links, force - along[:, None] * normal)
+
+
+def frames(normal):
+    """A tangent and another one of each normal."""
     first = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    frame = np.stack([normal, first, np.cross(normal, first)], axis=1)
-    return ObjectContacts(np.array(position), frame, np.array(force, float), np.arange(len(normal)))
+    return zip(normal, first, np.cross(normal, first), strict=True)
 
 
 def around(count, seed=0):
     """Contacts on a ball of 30 mm that press towards its middle."""
     normal = np.random.default_rng(seed).normal(size=(count, 3))
     normal[:2] = [[0, 0, 1], [0.1, 0, -1]]
-    pressed = contacts(-0.03 * normal / np.linalg.norm(normal, axis=1, keepdims=True), normal, np.ones((count, 3)))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    pressed = contacts(-0.03 * normal, normal, -normal)
     return pressed._replace(position=pressed.position + [0.001, 0.002, 0])
 
 
 def edges_of(pressed, friction, centre, length):
     """Wrenches (8 n, 6) of the edges of the pyramids inside the cones, one by one."""
     rows = []
-    for point, (normal, one, other) in zip(pressed.position, pressed.frame, strict=True):
+    for point, (normal, one, other) in zip(pressed.position, frames(pressed.normal), strict=True):
         for turn in 2 * np.pi * np.arange(EDGES) / EDGES:
             force = normal + friction * (np.cos(turn) * one + np.sin(turn) * other)
             rows.append([*force, *np.cross(point - centre, force) / length])
@@ -71,7 +79,7 @@ def test_no_wrench_inside_the_ball_is_beyond_the_contacts():
 
 
 def test_two_points_do_not_resist_turning_and_the_ball_grows_with_the_grip():
-    ends, force = [[0, 0, -0.03], [0, 0, 0.03]], [[1, 0, 0]] * 2
+    ends, force = [[0, 0, -0.03], [0, 0, 0.03]], np.array([[0, 0, -1.0], [0, 0, 1.0]])
     assert wrench_radius(contacts(ends, [[0, 0, 1], [0, 0, -1]], force), 0.8, np.zeros(3), 0.03) == 0
     none = contacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
     assert wrench_radius(none, 0.8, np.zeros(3), 0.03) == cone_margin(none, 0.8) == 0
@@ -86,8 +94,6 @@ def test_the_margin_is_what_a_tilted_face_leaves(degrees, friction):
     """Jaws that press along z on faces that are tilted: 1 - tan(angle) / friction."""
     angle = np.radians(degrees)
     normal = [[0, np.sin(angle), np.cos(angle)], [0, np.sin(angle), -np.cos(angle)]]
-    pressed = contacts([[0, 0, -0.03], [0, 0, 0.03]], normal, np.zeros((2, 3)))
-    along = np.array([[0, 0, 1.0], [0, 0, -1.0]])
-    force = np.einsum("nij,nj->ni", pressed.frame, 5 * along)
+    pressed = contacts([[0, 0, -0.03], [0, 0, 0.03]], normal, np.array([[0, 0, -5.0], [0, 0, 5.0]]))
     expected = max(0, 1 - np.tan(angle) / friction)
-    assert cone_margin(pressed._replace(force=force), friction) == pytest.approx(expected, abs=1e-12)
+    assert cone_margin(pressed, friction) == pytest.approx(expected, abs=1e-12)
