@@ -36,6 +36,8 @@ class UnusableObject(ValueError):
 
 
 class Rejection(NamedTuple):
+    """An object that a stage could not use: a row of `rejected.csv`."""
+
     object: str
     stage: str
     reason: str
@@ -135,6 +137,7 @@ def each_object(
 
 
 def _twice_if_in_doubt(function: Callable[[str], Any], name: str) -> Any:
+    """The function's result for an object; tried again if a failure may be lack of memory."""
     try:
         return function(name)
     except (UnusableObject, OSError, DamagedFile):

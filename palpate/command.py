@@ -9,6 +9,7 @@ palpate export results/mine shared      the run as WebDataset, or as Parquet and
 """
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -36,7 +37,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             own.add_argument(argument, **options)
     args = parser.parse_args(arguments)
     try:
-        return COMMANDS[args.command].run(args)
+        status = COMMANDS[args.command].run(args)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # what reads the output has ended, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python flushes at its end
+        return 1
     except (ValueError, LookupError, OSError, ImportError) as error:
         print(error_message(error), file=sys.stderr)
         return 1

@@ -50,13 +50,13 @@ def normalised(class_name: str, index: int) -> trimesh.Scene:
     return scene
 
 
-def shapes(columns: int = COLUMNS, size: int = CELL) -> Image.Image:
+def shapes() -> Image.Image:
     """The first objects of each procedural class, as the dataset's camera sees them."""
-    renderer, camera, rows = Renderer(threads=2), paper_camera(ENLARGED * size), []
+    renderer, camera, rows = Renderer(threads=2), paper_camera(ENLARGED * CELL), []
     with tempfile.TemporaryDirectory() as folder:
         for class_name in CLASSES:
             images = []
-            for index in range(columns):
+            for index in range(COLUMNS):
                 made = Path(folder) / f"{class_name}-{index:04d}"
                 made.mkdir()
                 scene = normalised(class_name, index)
@@ -64,7 +64,7 @@ def shapes(columns: int = COLUMNS, size: int = CELL) -> Image.Image:
                     scene.apply_transform(np.diag([-1.0, -1.0, 1.0, 1.0]))
                 (made / "visual.glb").write_bytes(scene.export(file_type="glb"))
                 images.append(renderer.render(Scene(made, camera=camera))[0])
-            rows.append(_cut_row(images, size))
+            rows.append(_cut_row(images, CELL))
     return Image.fromarray(np.concatenate(rows))
 
 
@@ -142,9 +142,12 @@ def images(run: Path, objects: Sequence[str], rows: str = "objects", width: int 
     """Images of a run, as the module's docstring has them; width: at most, in pixels."""
     records = list(Dataset(run).select(objects))
     grid = {
-        "objects": lambda: [[each.unoccluded for each in records], [each.grasps[0].occluded for each in records]],
-        "grasps": lambda: [_with_grasps(each) for each in records],
-        "views": lambda: [list(each.image[:VIEWS]) for each in records],
+        "objects": lambda: [
+            [record.unoccluded for record in records],
+            [record.grasps[0].occluded for record in records],
+        ],
+        "grasps": lambda: [_with_grasps(record) for record in records],
+        "views": lambda: [list(record.image[:VIEWS]) for record in records],
     }[rows]()
     framed = [[np.pad(image, ((0, GAP), (0, GAP), (0, 0)), constant_values=255) for image in row] for row in grid]
     picture = Image.fromarray(np.concatenate([np.concatenate(row, axis=1) for row in framed]))
@@ -154,6 +157,7 @@ def images(run: Path, objects: Sequence[str], rows: str = "objects", width: int 
 
 
 def main() -> None:
+    """Draw the picture that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("picture", choices=["shapes", "sensors", "images"])
     parser.add_argument("path", type=Path, help="the picture, .png")

@@ -74,7 +74,7 @@ def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tup
         raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CatalogueError(f"{path} is damaged ({type(error).__name__}): {REMEDY}") from None
-    if batch_size == "auto":
+    if not isinstance(batch_size, int):  # auto
         batch_size = size or max(SMALLEST, min(objects // FEWEST_BATCHES, LARGEST), -(-objects // MOST_BATCHES))
     return batch_size, places if size == batch_size else {}
 

@@ -50,7 +50,7 @@ def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path 
 
 def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project: Path | str) -> list[str]:
     """A line for each key that makes two configs those of different runs."""
-    before, now = (Source.from_config(each, project) for each in (recorded, config))
+    before, now = (Source.from_config(keys, project) for keys in (recorded, config))
     if before.kind == now.kind == "procedural":  # made in the run's folder, which may have been moved
         before = replace(before, path=now.path)
     pairs = {f"source.{key}": (old, getattr(now, key)) for key, old in asdict(before).items()}

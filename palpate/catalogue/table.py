@@ -97,7 +97,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
 
 
 def splits_of(
-    entries: Iterable[SourceObject | CatalogueEntry],
+    entries: Sequence[SourceObject] | Sequence[CatalogueEntry],
     ratios: Mapping[str, Any],
     seed: int = 0,
     groups: Iterable[Sequence[str]] = (),
@@ -110,14 +110,16 @@ def splits_of(
     copies (`copies`): they are in the split that one of them is given, or else in that of the first; several that are
     given stay. Raises CatalogueError for objects without a style.
     """
-    entries, shares = {each.object: each for each in entries}, {split: ratios[split] for split in SPLITS}
-    first = {name: name for name in entries} | {name: group[0] for group in groups for name in group}
-    splits = {first[name]: each.split for name, each in reversed(entries.items()) if each.split}
-    names = [name for name in entries if first[name] == name and name not in splits]
+    given = {entry.object: entry.split for entry in entries}
+    of_class = {entry.object: entry.class_name for entry in entries}
+    shares = {split: ratios[split] for split in SPLITS}
+    first = {name: name for name in given} | {name: group[0] for group in groups for name in group}
+    splits = {first[name]: split for name, split in reversed(given.items()) if split}
+    names = [name for name in given if first[name] == name and name not in splits]
     if ratios.get("held_out") == "styles":
-        styles = {name: style_of(entries[name], seed) for name in names}
-        of_class = {name: entries[name].class_name for name in names}
-        unseen = {each: held_out_styles(each, shapes.styles(each), shares) for each in set(of_class.values())}
+        styles = {name: style_of(name, of_class[name], seed) for name in names}
+        classes = {of_class[name] for name in names}
+        unseen = {name: held_out_styles(name, shapes.styles(name), shares) for name in classes}
         seen, rest = {"train": 1}, {**shares, "train": 0}
         splits |= {
             name: assign_split(name, rest if style in unseen[of_class[name]] else seen)
@@ -126,7 +128,7 @@ def splits_of(
     else:
         filled = fill(shares, names, set(splits.values()))
         splits |= {name: assign_split(name, filled) for name in names}
-    return {name: each.split or splits[first[name]] for name, each in entries.items()}
+    return {name: split or splits[first[name]] for name, split in given.items()}
 
 
 def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[str] = ()) -> Mapping[str, float]:
@@ -135,10 +137,10 @@ def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[st
 
     given: splits that further objects are given.
     """
-    filled = {assign_split(each, ratios) for each in names}
+    filled = {assign_split(name, ratios) for name in names}
     if not names or min(ratios.values()) <= 0 or len(filled) > 2 or (given and "train" in filled | set(given)):
         return ratios
-    return {"train": 1} if given else suggest_split(names)
+    return {"train": 1} if given else suggest_split(names) or ratios
 
 
 def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
@@ -152,7 +154,8 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    place, first = {name: number for number, name in enumerate(checksums)}, {}
+    place = {name: number for number, name in enumerate(checksums)}
+    first: dict[str, int] = {}
     pairs = [(number, first.setdefault(checksums[name] or name, number)) for name, number in place.items()]
     if shapes:
         rows = np.array([[*sorted(sides), area] for *sides, area in shapes.values()]).round(6)
@@ -227,7 +230,7 @@ def build(
             str(entry.scale),
             OTHERS.join(entry.others),
             str(entry.turn or ""),
-            "" if seed is None else style_of(entry, seed),
+            "" if seed is None else style_of(entry.object, entry.class_name, seed),
         )
         for entry in entries
     ]
@@ -240,7 +243,7 @@ def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry]) -> None
 
 
 def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
-    """As `palpate.named_files.companions`; of a released surface the object's images and scenes."""
+    """The files of `palpate.named_files.companions`; of a released surface the object's images and scenes."""
     if path.suffix.lower() == ".npy":
         return sorted(name for name in layout.files(path) if (path.parent / name).is_file())
     return named_files.companions(path, root, head)

@@ -148,7 +148,7 @@ def _hand_and_sensor(record: ObjectRecord, stages: Iterable[str]) -> dict[str, s
         texts["sensor"] = _json(stated | {"pixels": PIXELS, "units": units})
     if "grasps" in stages:
         values = {field.name: getattr(record.hand, field.name) for field in fields(Hand)}
-        texts["hand"] = _json({"about": f"{' '.join(Hand.__doc__.split())} {FRAMES_OF_HAND}"} | values)
+        texts["hand"] = _json({"about": f"{' '.join((Hand.__doc__ or '').split())} {FRAMES_OF_HAND}"} | values)
     return texts
 
 

@@ -6,7 +6,7 @@ Importing this package loads no engine: its constants and the paths of mesh file
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -114,6 +114,7 @@ def usable(batch: Path | str, contents: bool = False) -> list[str]:
 
 
 def _remedy(batch: Path | str) -> str:
+    """What messages advise about a batch's damaged folder."""
     return rebuild_advice(batch, str(batch))
 
 
@@ -122,6 +123,9 @@ class Geometry(NamedTuple):
 
     vertices: np.ndarray  # (n, 3) float64
     faces: np.ndarray  # (f, 3) int64
+
+
+Mesh: TypeAlias = "Geometry | trimesh.Trimesh"  # what has vertices (n, 3) and faces (f, 3)
 
 
 def load_geometry(folder: Path | str) -> Geometry:
@@ -137,7 +141,7 @@ def load_geometry(folder: Path | str) -> Geometry:
         offset = start + view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return np.frombuffer(data, dtype, accessor["count"] * width, offset).reshape(-1, 3)
 
-    parts = [primitive for each in tree["meshes"] for primitive in each["primitives"]]
+    parts = [primitive for mesh in tree["meshes"] for primitive in mesh["primitives"]]
     vertices = [read(part["attributes"]["POSITION"], 3) for part in parts]
     first = np.cumsum([0, *map(len, vertices)])[:-1]
     faces = [read(part["indices"], 1) + number for part, number in zip(parts, first, strict=True)]

@@ -76,7 +76,7 @@ class Renderer:
     Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed.
     """
 
-    _alive = None
+    _alive: weakref.ref["Renderer"] | None = None
 
     def __init__(self, samples: int = SAMPLES, device: str = "auto", threads: int = 1, exr: Path | str | None = None):
         self.samples = samples
@@ -88,7 +88,8 @@ class Renderer:
         enough = shared.is_dir() and shutil.disk_usage(shared).free > FREE_MEMORY
         self._folder = Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if enough else None))
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-        self._hand, self._links = None, []
+        self._hand: Hand | None = None
+        self._links: list[tuple[int, Any, np.ndarray]] = []
         bpy.ops.wm.read_factory_settings(use_empty=True)
         Renderer._alive = weakref.ref(self)
         self.device = _choose_device(device)
@@ -112,7 +113,7 @@ class Renderer:
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """What `render` gives, from each of the cameras instead of the scene's own.
+        """The images that `render` gives, from each of the cameras instead of the scene's own.
 
         EXR files are named after the object, and the number of the camera if it is not the first. Raises UnusableObject
         if the object's file can't be read or holds no triangles, or if an image of the object alone doesn't show it;
@@ -120,21 +121,23 @@ class Renderer:
         """
         self._take_hand(scene.hand)
         grasps = range(len(scene.link_pose))
-        seen = [(replace(scene, camera=each), f"-camera-{k}" if k else "") for k, each in enumerate(cameras)]
+        shots = [(replace(scene, camera=camera), f"-camera-{k}" if k else "") for k, camera in enumerate(cameras)]
         with self._temporary_data():
             self._light(scene.lights, scene.object_position)
             points = self._import(scene.visual_file, scene.object_position)
             unoccluded = []
-            for each, suffix in seen:
-                unoccluded.append(self._draw_unoccluded(each, points, suffix))
+            for shot, suffix in shots:
+                unoccluded.append(self._draw_unoccluded(shot, points, suffix))
                 if not unoccluded[-1].image(None).mask.any():
-                    size = each.camera.size
+                    size = shot.camera.size
                     raise UnusableObject(
                         f"{scene.visual_file}: no pixel of {size} x {size} shows the object"
                         f"{suffix.replace('-', ' ')}: make its materials less transparent, or the object thicker"
                     )
-            occluded = [[self._draw_occluded(each, points, grasp, suffix) for grasp in grasps] for each, suffix in seen]
-        behind = None if scene.background is None else tuple(linear(scene.background))
+            occluded = [
+                [self._draw_occluded(shot, points, grasp, suffix) for grasp in grasps] for shot, suffix in shots
+            ]
+        behind = None if scene.background is None else linear(scene.background)
         return [
             (alone.image(behind), [layers.image(behind) for layers in held])
             for alone, held in zip(unoccluded, occluded, strict=True)
@@ -163,7 +166,7 @@ class Renderer:
             for camera in cameras:
                 _pose_lamps(lamps, scene.object_position, camera.rotation @ scene.camera.rotation.T)
                 layers.append(self._draw(camera, points))
-        return [each.image(WHITE) for each in layers]
+        return [passes.image(WHITE) for passes in layers]
 
     def render_meshes(
         self,
@@ -175,8 +178,8 @@ class Renderer:
     ) -> Image:
         """Meshes and a hand from any viewpoint, for figures; the mask has all but the hand. Files: `render`.
 
-        link_pose: (L, 4, 4) of the hand's links. camera: default, the paper's. background: linear RGB; None is
-        transparent.
+        link_pose: (L, 4, 4) of the hand's links, if there is one. camera: default, the paper's. background: linear RGB;
+        None is transparent.
         """
         self._take_hand(hand)
         with self._temporary_data():
@@ -187,13 +190,13 @@ class Renderer:
                 body.pass_index = OBJECT_INDEX
                 drawn.append(np.asarray(mesh.vertices, dtype=float))
             if hand is not None:
-                drawn.append(self._pose_hand(link_pose))
+                drawn.append(self._pose_hand(np.asarray(link_pose)))
             layers = self._draw(camera or paper_camera(), np.concatenate(drawn))
         return layers.image(background)
 
     @contextmanager
     def _temporary_data(self) -> Iterator[None]:
-        """Removes data blocks that were added to Blender within the context; Cycles keeps its data for as long."""
+        """Remove data blocks that were added to Blender within the context; Cycles keeps its data for as long."""
         before = {block.session_uid for block in _blocks()}
         self._scene.render.use_persistent_data = True
         try:
@@ -242,18 +245,19 @@ class Renderer:
         pose[:3, :3], pose[:3, 3] = FILE_ROTATION, position
         self._origin.matrix_world = _matrix(pose)
         bpy.context.view_layer.update()
-        points = [np.zeros((0, 3))]
+        world = [np.zeros((0, 3))]
         for body in bodies:
             body.pass_index = OBJECT_INDEX
             vertices, pose = np.empty(3 * len(body.data.vertices), dtype=np.float32), np.array(body.matrix_world)
             body.data.vertices.foreach_get("co", vertices)
-            points.append(vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3])
-        points = np.concatenate(points)
+            world.append(vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3])
+        points = np.concatenate(world)
         if not len(points) or not np.isfinite(points).all():
             raise UnusableObject(f"{path}: expected triangles with finite coordinates, found {len(points)} vertices")
         return points
 
     def _read_file(self, path: Path) -> None:
+        """Import a glTF file into Blender, without materials that nothing uses."""
         bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=False)
 
     def _pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
@@ -293,7 +297,7 @@ class Renderer:
         self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)
         colour = self._render(self.samples, PIXEL_FILTER)
         point = self._render_centres()
-        layers = Layers(colour.combined, point.depth, point.index)
+        layers = Layers(colour.combined, point.depth, point.object_index)
         if master is not None and self.exr is not None:
             write_layers(self.exr / f"{master}.exr", layers)
         return layers
@@ -316,6 +320,7 @@ class Renderer:
         return self._render(1, POINT_FILTER)
 
     def _render(self, samples: int, filter_width: float) -> Layers:
+        """Render with a number of samples a pixel and a width (pixels) of the pixel filter; OSError without space."""
         scene = self._scene
         scene.cycles.samples = samples
         scene.cycles.filter_width = filter_width
@@ -349,17 +354,17 @@ def _choose_device(device: str) -> str:
             preferences.compute_device_type = kind
         except TypeError:  # this build of Blender doesn't know the kind
             continue
-        found = [entry for entry in preferences.get_devices_for_type(kind) if entry.type == kind]
-        for entry in found:
+        devices = [entry for entry in preferences.get_devices_for_type(kind) if entry.type == kind]
+        for entry in devices:
             entry.use = True
-        if found:
+        if devices:
             return "gpu"
     if device == "gpu":
         raise RuntimeError("device gpu: Cycles finds none (driver missing?); use device cpu or auto")
     return "cpu"
 
 
-def _set_up_render(scene, threads: int, device: str) -> None:
+def _set_up_render(scene: Any, threads: int, device: str) -> None:
     """Render settings of all images."""
     render, layer = scene.render, scene.view_layers[0]
     render.engine = "CYCLES"
@@ -376,7 +381,7 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     scene.cycles.device = device.upper()
 
 
-def _lamp(scene, light: Light):
+def _lamp(scene: Any, light: Light) -> Any:
     """A lamp, not yet posed. Cameras don't see it, only what it lights."""
     data = bpy.data.lights.new("lamp", light.kind.upper())
     data.energy, data.color = light.energy, linear(light.colour)
@@ -395,21 +400,24 @@ def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], tur
     """Put lamps where their lights are, turned by a rotation (3, 3) about the object's place `centre` (3,)."""
     for body, light in lamps:
         target = centre if light.target is None else light.target
-        away = turn @ np.subtract(light.position, target)
-        body.location = centre + turn @ np.subtract(light.position, centre)
+        position = np.array(light.position)
+        away = turn @ (position - target)
+        body.location = centre + turn @ (position - centre)
         body.rotation_euler = Vector(away).to_track_quat("Z", "Y").to_euler()
 
 
 def _matrix(pose: np.ndarray) -> Matrix:
+    """A pose (4, 4) as Blender has it."""
     return Matrix(pose.tolist())
 
 
-def _link(scene, body):
+def _link(scene: Any, body: Any) -> Any:
+    """Put an object into a scene; returns it."""
     scene.collection.objects.link(body)
     return body
 
 
-def _coloured_material(name: str, roughness: float):
+def _coloured_material(name: str, roughness: float) -> Any:
     """A dielectric whose colour is the mesh's attribute "colour"."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
@@ -422,7 +430,7 @@ def _coloured_material(name: str, roughness: float):
     return material
 
 
-def _blender_object(name: str, mesh: Mesh, material):
+def _blender_object(name: str, mesh: Mesh, material: Any) -> Any:
     """A Blender object with smooth shading and colours, not yet in a scene."""
     vertices = np.asarray(mesh.vertices, dtype=np.float32)
     faces = np.asarray(mesh.faces, dtype=np.int32)
@@ -449,7 +457,7 @@ def _blender_object(name: str, mesh: Mesh, material):
     return bpy.data.objects.new(name, data)
 
 
-def _crop(render, size: int, low: np.ndarray, high: np.ndarray) -> None:
+def _crop(render: Any, size: int, low: np.ndarray, high: np.ndarray) -> None:
     """Render only the rectangle between two corners, pixels as (column, row), of an image."""
     inside = 0.1  # pixels: Blender rounds down
     render.border_min_x, render.border_max_x = (low[0] + inside) / size, (high[0] + inside) / size

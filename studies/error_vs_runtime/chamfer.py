@@ -59,7 +59,7 @@ def exact(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, surface: 
     """
     on = sample(vertices, faces, REFERENCE_POINTS)
     squares = [(p - other.closest(p)[1]) ** 2 for p, other in ((on, surface), (points, Surface(vertices, faces)))]
-    return CHAMFER_SCALE * float(sum(each.sum(axis=1).mean() for each in squares))
+    return CHAMFER_SCALE * float(sum(one_way.sum(axis=1).mean() for one_way in squares))
 
 
 def outer_faces(mesh: trimesh.Trimesh) -> np.ndarray:
@@ -90,10 +90,12 @@ class Chamfer(Study):
     )
 
     def case(self, subject: Subject) -> Pair:
+        """The object, and a prediction near it."""
         mesh = load_visual(subject.folder)
         return pair(mesh.vertices + np.array(OBJECT_POSITION), outer_faces(mesh), self.settings["surface"]["points"])
 
     def methods(self) -> list[Method]:
+        """Losses and scores of several numbers of points."""
         n, of_score = self.settings["recipe"]["reconstruction"]["loss_points"], self.settings["evaluation"]["points"]
         counts, scored = sorted({*LOSS_POINTS, n}), sorted({*EVALUATION_POINTS, of_score})
         return [
@@ -102,12 +104,13 @@ class Chamfer(Study):
         ]
 
     def errors(self, case: Pair, result: Draws) -> dict[str, float]:
+        """Errors of `DRAWS` draws relative to the distance, in percent; NaN for the measures of the other method."""
         draws = np.array([result.first, *map(result.draw, range(1, DRAWS))])
         off = 100 * (draws / case.distance - 1)
         values = float(np.mean(off**2) ** 0.5), abs(float(off.mean())), float(off.std(ddof=1))
         names = (f"{result.of}: {key}" for key in ("root mean square", "bias", "spread"))
-        found = dict(zip(names, values, strict=True))
-        return {key: found.get(key, float("nan")) for key in self.units}
+        errors = dict(zip(names, values, strict=True))
+        return {key: errors.get(key, float("nan")) for key in self.units}
 
 
 def pair(vertices: np.ndarray, faces: np.ndarray, count: int) -> Pair:

@@ -50,12 +50,14 @@ class NaiveRenderer(Renderer):
         return (self._kind, item) in self.changes
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
+        """As `Renderer.render`, with the changes of images."""
         self._kind = UNOCCLUDED
         if (OCCLUDED, "hand's meshes for every object") in self.changes:
             self._hand = None
         return super().render(scene)
 
     def render_views(self, scene: Scene, cameras) -> list[Image]:
+        """As `Renderer.render_views`, with the changes of views."""
         self._kind = VIEW
         return super().render_views(scene, cameras)
 
@@ -123,6 +125,7 @@ class _Comparisons:
 
     @cached_property
     def renderer(self) -> NaiveRenderer:
+        """The renderer of all images, whose changes are set for each."""
         return NaiveRenderer(self.settings["vision"]["samples"], self.settings["vision"]["device"])
 
     def unoccluded(self, grasps: int = 0) -> list[Image]:
@@ -133,6 +136,7 @@ class _Comparisons:
         return [image] * (max(1, len(scene.link_pose)) if again else 1)
 
     def occluded(self) -> list[Image]:
+        """The object in its first grasp."""
         return self.renderer.render(replace(self.scene, link_pose=self.scene.link_pose[:1]))[1]
 
     def views(self) -> list[Image]:
@@ -141,7 +145,7 @@ class _Comparisons:
         at = views.viewpoints(generator(self.settings["seed"], self.subject.name, "views"), VIEWS)
         self.renderer.samples = self.settings["views"]["samples"]
         try:
-            return self.renderer.render_views(self.scene, [views.camera(each, size) for each in at])
+            return self.renderer.render_views(self.scene, [views.camera(viewpoint, size) for viewpoint in at])
         finally:
             self.renderer.samples = self.settings["vision"]["samples"]
 
@@ -183,7 +187,7 @@ def largest_difference(images: list[Image], others: list[Image]) -> float:
     A single image is compared with each of the others.
     """
     count = max(len(images), len(others))
-    images, others = (each * count if len(each) == 1 else each for each in (images, others))
+    images, others = (group * count if len(group) == 1 else group for group in (images, others))
     worst = 0.0
     for image, other in zip(images, others, strict=True):
         if not np.array_equal(image.depth, other.depth):

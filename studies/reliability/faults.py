@@ -26,7 +26,7 @@ BLOCK = 4096  # bytes: what file systems write at once, and lose at once
 
 
 class Try(NamedTuple):
-    """What came of a fault at one place.
+    """The outcome of a fault at one place.
 
     noticed: `reader` if the step or user who reads it gets an error, `validate` if only `snakemake validate` fails,
     `unchanged` if all that is read is as before, `silent` if it is not and no error says so. message: of the error.
@@ -38,8 +38,8 @@ class Try(NamedTuple):
 
 def row(name: str, tries: Sequence[Try], run: Path) -> dict[str, str | int]:
     """One row of the table; the run's path is RUN in its message."""
-    counts = [sum(found.noticed == each for found in tries) for each in ("reader", "validate", "unchanged", "silent")]
-    messages = [found.message for found in tries if found.message]
+    counts = [sum(outcome.noticed == who for outcome in tries) for who in ("reader", "validate", "unchanged", "silent")]
+    messages = [outcome.message for outcome in tries if outcome.message]
     example = (messages[0] if messages else "").splitlines()[:1]
     return dict(zip(COLUMNS, (name, len(tries), *counts, "".join(example).replace(str(run), "RUN")), strict=True))
 
@@ -69,12 +69,12 @@ def _meshes(run: Path) -> Iterator[object]:
 
 
 def _rejections(run: Path) -> Iterator[object]:
-    yield from map(tuple, (each.items() for each in Run(run).rejections()))
+    yield from map(tuple, (rejection.items() for rejection in Run(run).rejections()))
     yield from read_rejections([run / "rejected.csv"])
 
 
 def _masters(run: Path) -> Iterator[object]:
-    """Only users read them; `manifest.json` says what they must be."""
+    """Masters, which only users read; `manifest.json` says what they must be."""
     yield from (path.read_bytes() for path in sorted(run.glob("exr/*/*.exr")))
 
 
@@ -147,8 +147,8 @@ DAMAGES: dict[str, Callable[[bytes, np.random.Generator], bytes | None]] = {
 
 def apply(kind: Kind, damage: Callable, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
     """Damage files of a kind, one at a time, at random; each is as it was at the end. No file, no tries."""
-    found = {path for pattern in kind.patterns for path in run.glob(pattern) if path.is_file() and path.stat().st_size}
-    files = sorted(path for path in found if not path.name.startswith("."))
+    paths = {path for pattern in kind.patterns for path in run.glob(pattern) if path.is_file() and path.stat().st_size}
+    files = sorted(path for path in paths if not path.name.startswith("."))
     if not files:
         return []
     expected, outcomes = list(kind.read(run)), []
@@ -182,7 +182,7 @@ def outcome(kind: Kind, run: Path, expected: list) -> Try:
 
 
 def validate(run: Path) -> str:
-    """What `snakemake validate` says of a run's files: the first that is not as written; empty if all are."""
+    """The finding of `snakemake validate` on a run's files: the first that is not as written; empty if all are."""
     for batch in Run(run).batches:
         for finding in check_files(Run(run), batch):
             if not finding.ok:
@@ -192,4 +192,4 @@ def validate(run: Path) -> str:
 
 def each_damage(kind: Kind, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
     """Each of `DAMAGES`, `tries` times."""
-    return [found for damage in DAMAGES.values() for found in apply(kind, damage, run, rng, tries)]
+    return [outcome for damage in DAMAGES.values() for outcome in apply(kind, damage, run, rng, tries)]

@@ -45,7 +45,7 @@ def measured() -> pd.DataFrame:
         steps = evaluate.training_steps(inputs.summary)
         return evaluate.evaluate_touch(model, steps, Dataset(run, ["touch", "charts"]), params.points, params.splits)
     frames, data, loaded = [], None, None
-    for experiment in [Experiment.from_row(*each) for each in params.experiments]:
+    for experiment in [Experiment.from_row(*row) for row in params.experiments]:
         splits = params.splits[experiment.name]
         if loaded != (needed := (arrays_of(experiment), splits)):
             data, loaded = ExperimentData.load(run, experiment, splits), needed

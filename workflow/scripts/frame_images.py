@@ -31,8 +31,9 @@ renderer = Renderer(settings["samples"], settings["device"], snakemake.threads)
 def render(name: str) -> dict[str, np.ndarray]:
     row = frames["object"].tolist().index(name)
     at = {array: frames.get(array, row)[:, chosen] for array in GRASP_ARRAYS}
-    found = scene.draw(settings, seed, name)
-    look, cameras = {"lights": scene.lights(found), "background": scene.background(found)}, scene.cameras(found)
+    own_settings = scene.draw(settings, seed, name)
+    look = {"lights": scene.lights(own_settings), "background": scene.background(own_settings)}
+    cameras = scene.cameras(own_settings)
     flat = {array: values.reshape(-1, *values.shape[2:]) for array, values in at.items()}
     pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, flat, hand, **look), cameras)
     images = np.stack([[image.rgb for image in held] for _, held in pictures], axis=1)

@@ -32,10 +32,10 @@ points = dict(zip(surface["object"], surface["points"], strict=True))
 def close_hand(name: str) -> dict:
     visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
     draw = generator(seed, name, "grasps")
-    found = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
-    omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
+    grasps_of_object = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
+    omitted = ", ".join(f"{count:,} {what}" for what, count in grasps_of_object.omitted.items())
     log.info("%s: omitted: %s", name, omitted)
-    return {key: array for key, array in vars(found).items() if snakemake.params.pressed or key != "pad_force"}
+    return {key: array for key, array in vars(grasps_of_object).items() if snakemake.params.pressed or key != "pad_force"}
 
 
 grasps = each_object(points, close_hand, "grasps")

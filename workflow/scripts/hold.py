@@ -32,12 +32,12 @@ def let_go(row: int, name: str) -> dict:
     kept = {array: values[row] for array, values in grasps.items() if len(values) == len(grasps["object"])}
     grasper = grasp.Grasper(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
     draw, remedy = generator(seed, name, "grasps"), rebuild_advice(inputs.grasps)
-    found = grasp.hold_grasps(grasper, collision, kept, draw, remedy=remedy, **params.hold)
-    unknown = (found["held_along"] < 0).sum()
-    log.info("%s: %d of %d grasps hold", name, (found["held"] == 1).sum(), len(found["held"]))
+    outcome = grasp.hold_grasps(grasper, collision, kept, draw, remedy=remedy, **params.hold)
+    unknown = (outcome["held_along"] < 0).sum()
+    log.info("%s: %d of %d grasps hold", name, (outcome["held"] == 1).sum(), len(outcome["held"]))
     if unknown:
-        log.warning("%s: the engine could not simulate %d of %d directions", name, unknown, found["moved"].size)
-    return found
+        log.warning("%s: the engine could not simulate %d of %d directions", name, unknown, outcome["moved"].size)
+    return outcome
 
 
 held = {name: let_go(row, name) for row, name in enumerate(grasps["object"])}

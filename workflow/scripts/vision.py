@@ -33,10 +33,10 @@ with ExitStack() as outputs:
     def render(name: str) -> dict:
         row = grasps["object"].tolist().index(name)
         of_object = {array: grasps[array][row] for array in GRASP_ARRAYS}
-        found = scene.draw(settings, seed, name)
-        drawn[name] = {key: found[key] for key in scene.LOOK if found[key] != settings[key]}
-        look = {"lights": scene.lights(found), "background": scene.background(found)}
-        cameras = scene.cameras(found)
+        own_settings = scene.draw(settings, seed, name)
+        drawn[name] = {key: own_settings[key] for key in scene.LOOK if own_settings[key] != settings[key]}
+        look = {"lights": scene.lights(own_settings), "background": scene.background(own_settings)}
+        cameras = scene.cameras(own_settings)
         pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, of_object, hand, **look), cameras)
         return vision_record(pictures, cameras)
 
