@@ -43,7 +43,7 @@ if not options.default_storage_provider:
 
 
 # Simulated stages of the dataset; a released one is read.
-SIMULATED = ["meshes", "surface", "grasps", "touch", "frames", "hold", "vision", "reports"]
+SIMULATED = ["meshes", "surface", "grasps", "touch", "frames", "hold", "press", "vision", "reports"]
 MODELS = ["reconstruction", "touch_charts", "templates", "evaluation"]
 RESULTS = ["products", "results", "known_targets", "targets"]
 for name in ["catalogue", *(["released"] if RELEASED else SIMULATED), *MODELS, *RESULTS]:

@@ -55,7 +55,7 @@ with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as fi
 
 
 # Checks that need a compiled engine of the extra `factory`, and the engine.
-ENGINES = {"on mesh": "igl", "picture of mesh": "embreex"}
+ENGINES = {"on mesh": "igl", "picture of mesh": "embreex", "outside": "embreex"}
 
 
 @cache
@@ -163,8 +163,8 @@ def check_touch(item: CheckedObject) -> Measured:
     yield "point count", np.abs(count - finite.sum(axis=(2, 3)))
     yield "points", _each_sensor(item, _points_error)
     if "indentation" in rows:
-        yield "reading", _pressed_reading_error(item)
-        yield "pressed", _pressed_error(item)
+        yield "reading", _pressed_reading_error(rows, item.sensor)
+        yield "pressed", _pressed_error(rows, item.sensor)
     else:
         yield "reading", _each_sensor(item, _reading_error)
     if can_check("on mesh"):
@@ -227,6 +227,34 @@ def check_hold(item: CheckedObject) -> Measured:
     label = np.where((along < 0).any(axis=1), -1, (along == 1).all(axis=1))
     farthest, nearest = moved[along == 1].max(initial=0), moved[along == 0].min(initial=np.inf)
     yield "held", (rows["held"] != label) + int(farthest > nearest)
+
+
+def check_press(item: CheckedObject) -> Measured:
+    """The presses of one object."""
+    rows, sensor = item.rows["press"], item.sensor
+    numeric = [rows[name].reshape(len(rows["force"]), -1) for name in rows if name not in ("object", "depth")]
+    yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
+    yield "rotation", rotation_error(rows["rotation"])
+    depth, axis, arm = rows["depth"], rows["rotation"][:, :, 0], rows["point"] - rows["position"]
+    in_range = (depth > 0) & (depth <= sensor.reach.astype(depth.dtype))
+    yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(1, 2))
+    # The axis goes through the point, and nothing is in the undeformed gel.
+    gel = sensor.gel_face - (depth + sensor.face_sag).min(axis=(1, 2))
+    yield "press pose", np.maximum(np.linalg.norm(np.cross(arm, axis), axis=1), gel)
+    yield "reading", _pressed_reading_error(rows, sensor).max(axis=1)
+    yield (
+        "pressed",
+        np.where(rows["pressure"].min(axis=(1, 2, 3)) < 0, np.inf, _pressed_error(rows, sensor).max(axis=1)),
+    )
+    if can_check("on mesh"):
+        poses = zip(depth, rows["position"], rows["rotation"], strict=True)
+        clouds = [item.distance(local_points(*pose, sensor)).max(initial=0) for pose in poses]
+        yield "on mesh", np.maximum(item.distance(rows["point"]), clouds)
+    if can_check("outside"):
+        from palpate.surface.embree import RayMesh
+        from palpate.touch.presses import ways_out
+
+        yield "outside", ways_out(RayMesh(item.mesh), rows["position"]) == 0
 
 
 def _first_touches(item: CheckedObject, rows: dict[str, np.ndarray]) -> Iterator[np.ndarray]:
@@ -346,20 +374,20 @@ def _reading_error(sensor, depth, position, rotation, points, reading) -> float:
     return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
 
 
-def _pressed_reading_error(item: CheckedObject) -> np.ndarray:
-    """Grey levels between pressed readings and the shading of their deformed faces: (g, s)."""
-    rows = item.rows["touch"]
-    error = np.zeros(rows["success"].shape)
+def _pressed_reading_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
+    """Grey levels between pressed readings and the shading of their deformed faces: (g, s), of presses (t, e)."""
+    error = np.zeros(rows["force"].shape)
+    touched = rows.get("success", np.full(error.shape, True))
     for index in np.ndindex(error.shape):
-        shaded = shade_pressed(rows["indentation"][index], item.sensor, rows["displacement"][index])
-        expected = shaded if rows["success"][index] else 0
+        shaded = shade_pressed(rows["indentation"][index], sensor, rows["displacement"][index])
+        expected = shaded if touched[index] else 0
         error[index] = np.abs(rows["reading"][index].astype(int) - expected).max()
     return error
 
 
-def _pressed_error(item: CheckedObject) -> np.ndarray:
+def _pressed_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
     """What the pressures within the image sum to, less the share of the force that they should, over the force."""
-    rows, area = item.rows["touch"], np.prod(item.sensor.pixel)
+    area = np.prod(sensor.pixel)
     error = np.abs(rows["pressure"].sum(axis=(-2, -1), dtype=float) * area - rows["inside"] * rows["force"])
     return np.where(rows["force"] > 0, error / np.where(rows["force"] > 0, rows["force"], 1), error)
 

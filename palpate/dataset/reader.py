@@ -17,7 +17,7 @@ from palpate.camera import Camera
 from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.configuration import nearest, not_among
 from palpate.dataset.arrays import JoinedArray
-from palpate.dataset.grasps import GraspDataset
+from palpate.dataset.grasps import GraspDataset, PressDataset
 from palpate.dataset.run import Run, shaded
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
@@ -161,6 +161,12 @@ class Dataset(Sequence):
         chosen = self if split is None else self.split(split)
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
+    def presses(self, split: str | None = None, arrays: Iterable[str] | None = None) -> PressDataset:
+        """All presses as a map-style dataset of dictionaries, as `grasps`. Raises StoreError, with the command that
+        builds them, for a run without."""
+        chosen = self if split is None else self.split(split)
+        return PressDataset(self._run, chosen._entries.values(), self._required, arrays)
+
     def digests(self, stages: Collection[str] | None = None) -> dict[tuple[str, str], str]:
         """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
 
@@ -237,14 +243,14 @@ class Dataset(Sequence):
 class _Record:
     """Attributes that are the row of one object, or of one of its grasps, in the contract's arrays."""
 
-    of_grasps = of_frames = False
+    of_grasps = of_frames = of_presses = False
     index: tuple[int | slice, ...] = ()  # within the object's row
     stage_of: dict[str, str] = {}  # by the names of the arrays
 
     def __init_subclass__(cls) -> None:
         """Gives the class a property, with its shape, type and unit in `help()`, for each array of its rows."""
-        leading = 2 if cls.of_grasps else 1
-        found = arrays_by_name(cls.of_grasps, cls.of_frames)
+        leading = 2 if cls.of_grasps or cls.of_presses else 1
+        found = arrays_by_name(cls.of_grasps, cls.of_frames, cls.of_presses)
         cls.stage_of = {name: stage for name, (stage, _) in found.items()}
         for name, (stage, spec) in found.items():
             if name not in vars(cls):
@@ -271,7 +277,8 @@ class _Record:
     @cached_property
     def sensor(self) -> Sensor:
         """The kind of touch sensor that its depths and readings are of."""
-        return self._run.store("frames" if self.of_frames else "touch", self._entry.batch).sensor
+        stage = "frames" if self.of_frames else "press" if self.of_presses else "touch"
+        return self._run.store(stage, self._entry.batch).sensor
 
     @cached_property
     def cameras(self) -> int:
@@ -339,6 +346,13 @@ class ObjectRecord(_Record):
         """Its grasps; their number is that of the first stage that has grasps."""
         numbers = range(self._run.grasps(self._entry))
         return [GraspRecord(self._run, self._entry, number, self.camera_number) for number in numbers]
+
+    @cached_property
+    def presses(self) -> list["PressRecord"]:
+        """Its presses, if the run's config has `press.count`."""
+        self._run.row("press", self._entry)
+        count = self._run.store("press", self.batch).header("force")[0][1]
+        return [PressRecord(self._run, self._entry, number) for number in range(count)]
 
     def __repr__(self) -> str:
         return f"ObjectRecord({self.name!r}, class {self.class_name}, {self.split}, {self.batch})"
@@ -430,3 +444,33 @@ class FramesRecord(_Record):
 
     def __repr__(self) -> str:
         return f"FramesRecord({self._entry.object!r}, {self.index[0]})"
+
+
+class PressRecord(_Record):
+    """One press of a sensor onto the object, without a hand: every array of the contract with one row a press.
+
+    `reading`, `indentation` and others have a row for each of the forces in `force`. Shapes are in the symbols of
+    docs/dataset.md.
+    """
+
+    of_presses = True
+
+    def __init__(self, run: Run, entry: CatalogueEntry, number: int):
+        super().__init__(run, entry)
+        self.number = number
+        self.index = (number,)
+
+    @property
+    def object(self) -> ObjectRecord:
+        """The object that is pressed."""
+        return ObjectRecord(self._run, self._entry)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(n, 3) float32, m. The surface points before the sensor's image, of the finite pixels of `depth`; world."""
+        from palpate.touch import local_points
+
+        return local_points(self.depth, self.position, self.rotation, self.sensor)
+
+    def __repr__(self) -> str:
+        return f"PressRecord({self._entry.object!r}, {self.number})"

@@ -113,9 +113,10 @@ class _Batch:
 
     def sensor(self) -> Sensor:
         """The sensor that the touch store states; the default, with a finding, if it states none."""
-        with self.reading("touch"):
-            if "touch" in self.stores:
-                return self.stores["touch"].sensor
+        for stage in ("touch", "press"):
+            with self.reading(stage):
+                if stage in self.stores:
+                    return self.stores[stage].sensor
         return DIGIT
 
     def check_objects(self, stage: str) -> None:
@@ -134,13 +135,12 @@ class _Batch:
 
     def check_empty_reading(self, sensor: Sensor) -> None:
         """The stored empty reading equals that of the sensor."""
-        if "touch" not in self.stores:
-            return
-        with self.reading("touch"):
-            stored, pressed = self.stores["touch"].empty_reading.astype(int), "indentation" in self.arrays["touch"]
-            expected = shade_pressed(np.zeros(sensor.resolution), sensor) if pressed else empty_reading(sensor)
-            same = stored.shape == expected.shape
-            self.add("empty reading", "touch", np.abs(stored - expected).max() if same else np.inf)
+        for stage in [name for name in ("touch", "press") if name in self.stores]:
+            with self.reading(stage):
+                stored, pressed = self.stores[stage].empty_reading.astype(int), "indentation" in self.arrays[stage]
+                expected = shade_pressed(np.zeros(sensor.resolution), sensor) if pressed else empty_reading(sensor)
+                same = stored.shape == expected.shape
+                self.add("empty reading", stage, np.abs(stored - expected).max() if same else np.inf)
 
     def rows(self, stage: str, name: str) -> dict[str, np.ndarray]:
         """The object's row of every array of the store."""
@@ -171,17 +171,19 @@ class _Batch:
             values = np.asarray(values, dtype=float)
             values = np.where(np.isnan(values), np.inf, values)
             worst = values.max(initial=0)
-            self.add(check, store, worst, name, self.first(values == worst) if worst > 0 else "")
+            self.add(check, store, worst, name, self.first(values == worst, store) if worst > 0 else "")
 
-    def first(self, wrong: np.ndarray) -> str:
+    def first(self, wrong: np.ndarray, store: str) -> str:
         """Where the first wrong value is: "grasp 2, sensor thumb"; nothing if there is none, or no axis.
 
-        wrong: bool, one value, or one a grasp, or one a grasp and sensor.
+        wrong: bool, one value, or one a grasp or press, or one a grasp and sensor.
         """
         if not wrong.ndim or not wrong.any():
             return ""
         grasp, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
-        return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
+        return ", ".join(
+            [f"{'press' if store == 'press' else 'grasp'} {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)]
+        )
 
 
 def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, others: bool = True) -> list[Finding]:

@@ -22,7 +22,7 @@ from palpate.hand import Hand
 from palpate.interchange import parquet, webdataset, zarr_groups
 from palpate.interchange.card import spdx, write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import CARD, Contents, grasps_by_split, png
+from palpate.interchange.items import CARD, Contents, png, samples_by_split
 from palpate.mesh import mesh_file
 from palpate.store.contract import CONTRACT, FRAMES, UNITS
 from palpate.store.files import StoreError
@@ -49,12 +49,13 @@ def export(
     arrays: Iterable[str] | None = None,
     licence: str = "unknown",
     source: str = "",
+    samples: str = "grasps",
 ) -> int:
-    """Write the grasps of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
+    """Write the grasps, or the presses, of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
     number.
 
     folder: a new one, or an empty one. arrays: as for `Dataset.grasps`; without, all of the stages that the run should
-    have. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. Raises FileExistsError for
+    have. samples: `grasps` or `presses`. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. Raises FileExistsError for
     a folder that holds anything; StoreError without objects, for a store that is missing, or for batches with different
     hands or sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what writing the
     samples raises.
@@ -63,7 +64,7 @@ def export(
     _require_new(folder)
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
-    splits = grasps_by_split(dataset, arrays)
+    splits = samples_by_split(dataset, arrays, samples)
     contents = Contents(dataset, splits, FORMATS[layout], spdx(licence), source)
     digests = dataset.digests(None if arrays is None else {stage for stage, _ in contents.grasps.sources.values()})
     with atomic_write(folder) as partial:
