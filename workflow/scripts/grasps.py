@@ -35,9 +35,7 @@ def close_hand(name: str) -> dict:
     grasps_of_object = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
     omitted = ", ".join(f"{count:,} {what}" for what, count in grasps_of_object.omitted.items())
     log.info("%s: omitted: %s", name, omitted)
-    return {
-        key: array for key, array in vars(grasps_of_object).items() if snakemake.params.pressed or key != "pad_force"
-    }
+    return {key: array for key, array in vars(grasps_of_object).items() if snakemake.params.pressed or key != "pad_force"}
 
 
 grasps = each_object(points, close_hand, "grasps")
