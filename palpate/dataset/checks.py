@@ -242,10 +242,8 @@ def check_press(item: CheckedObject) -> Measured:
     gel = sensor.gel_face - (depth + sensor.face_sag).min(axis=(1, 2))
     yield "press pose", np.maximum(np.linalg.norm(np.cross(arm, axis), axis=1), gel)
     yield "reading", _pressed_reading_error(rows, sensor).max(axis=1)
-    yield (
-        "pressed",
-        np.where(rows["pressure"].min(axis=(1, 2, 3)) < 0, np.inf, _pressed_error(rows, sensor).max(axis=1)),
-    )
+    pulls = rows["pressure"].min(axis=(1, 2, 3)) < 0
+    yield "pressed", np.where(pulls, np.inf, _pressed_error(rows, sensor).max(axis=1))
     if can_check("on mesh"):
         poses = zip(depth, rows["position"], rows["rotation"], strict=True)
         clouds = [item.distance(local_points(*pose, sensor)).max(initial=0) for pose in poses]

@@ -115,9 +115,8 @@ class GraspDataset(Sequence):
         return item
 
     def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}({len(self)} {self.units} of {len(self._entries)} objects: {', '.join(self.arrays)})"
-        )
+        size = f"{len(self)} {self.units} of {len(self._entries)} objects"
+        return f"{type(self).__name__}({size}: {', '.join(self.arrays)})"
 
 
 class PressDataset(GraspDataset):

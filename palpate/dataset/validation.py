@@ -180,10 +180,9 @@ class _Batch:
         """
         if not wrong.ndim or not wrong.any():
             return ""
-        grasp, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
-        return ", ".join(
-            [f"{'press' if store == 'press' else 'grasp'} {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)]
-        )
+        number, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
+        unit = "press" if store == "press" else "grasp"
+        return ", ".join([f"{unit} {number}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
 def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, others: bool = True) -> list[Finding]:

@@ -51,14 +51,14 @@ def export(
     source: str = "",
     samples: str = "grasps",
 ) -> int:
-    """Write the grasps, or the presses, of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
+    """Write the grasps of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
     number.
 
     folder: a new one, or an empty one. arrays: as for `Dataset.grasps`; without, all of the stages that the run should
-    have. samples: `grasps` or `presses`. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. Raises FileExistsError for
-    a folder that holds anything; StoreError without objects, for a store that is missing, or for batches with different
-    hands or sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what writing the
-    samples raises.
+    have. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. samples: `grasps`, or
+    `presses`. Raises FileExistsError for a folder that holds anything; StoreError without objects, for a store that is
+    missing, or for batches with different hands or sensors; KeyError for an unknown array; DamagedFile for a missing or
+    changed mesh; and what writing the samples raises.
     """
     folder = Path(folder)
     _require_new(folder)
