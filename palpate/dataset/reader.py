@@ -465,6 +465,11 @@ class PressRecord(_Record):
         """The object that is pressed."""
         return ObjectRecord(self._run, self._entry)
 
+    @property
+    def empty_reading(self) -> np.ndarray:
+        """(r, c, 3) uint8 reading of the untouched gel."""
+        return self._run.store("press", self._entry.batch).empty_reading
+
     @cached_property
     def points(self) -> np.ndarray:
         """(n, 3) float32, m. The surface points before the sensor's image, of the finite pixels of `depth`; world."""
