@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from palpate.dataset.reader import PressRecord
 
 CLASSES = 4  # whose presses a figure shows, at most
-ARROWS, STRETCH = 12, 30  # across a picture of sideways motion; their length over the motion's
-FRAMES, PAUSE, REST = 24, 90, 1200  # of the animation; ms that one is shown, and the last one
+ARROWS, STRETCH = 12, 15  # across a picture of sideways motion; their length over the motion's
+FRAMES, PAUSE, REST = 12, 150, 1200  # of the animation; ms that one is shown, and the last one
 NOTHING = "No object of this run was pressed"
 
 
@@ -36,7 +36,10 @@ def presses(dataset: Dataset) -> DataFrame:
         for press in record.presses:
             area = (press.pressure > 0).sum(axis=(1, 2)) * np.prod(press.sensor.pixel)
             values = {"force": press.force, "area": 1e6 * area, "depth": 1e3 * press.approach}
-            values |= {"inside_percent": 100 * press.inside, "pressure": press.pressure.max(axis=(1, 2)) / 1e3}
+            values |= {
+                "inside_percent": 100 * press.inside,
+                "pressure": press.pressure.max(axis=(1, 2)).astype(float) / 1e3,
+            }
             rows.append(
                 pd.DataFrame({"object": record.name, "class": record.class_name} | values | {"strain": press.strain})
             )
@@ -61,7 +64,7 @@ def presses(dataset: Dataset) -> DataFrame:
 @styled
 def draw_presses(dataset: Dataset, path: Path | str) -> None:
     """Presses of a sensor onto objects, at rising forces: what it reads, and at the greatest force the pressure (white
-    is none; each to its own largest) and how the gel's face moves sideways (arrows, 30 times as long as the motion).
+    is none; each to its own largest) and how the gel's face moves sideways (arrows, 15 times as long as the motion).
 
     Of each class that press whose reading differs most from that of the untouched gel.
     """
@@ -105,7 +108,7 @@ def pressing(dataset: Dataset, path: Path | str) -> None:
         tracer = RayCaster(load_geometry(press.object.mesh), OBJECT_POSITION, face_sensor(press.sensor))
         poses = (np.broadcast_to(place, (FRAMES, *place.shape)) for place in (press.position, press.rotation))
         films.append(press_sensors(tracer, press.sensor, *poses, forces))
-    figure, axes = picture_grid([f"{forces[0]:.2f} N", "pressure"], [press.object.name for press in shown])
+    figure, axes = picture_grid([f"{forces[0]:.2f} N", "pressure"], [press.object.name for press in shown], cell=1.25)
     pages = []
     for number, force in enumerate(forces):
         axes[0, 0].set_ylabel(f"{force:.2f} N")

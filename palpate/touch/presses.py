@@ -23,6 +23,7 @@ _OFFSET = 1e-5  # m off the surface that rays start, far above their rounding
 BLOCKED = "no free way out along the sensor's axis"
 OBSTRUCTED = "something else meets the gel first"
 UNSETTLED = "the contact did not settle"
+THROUGH = "a force would press it through the gel"
 
 
 def press_object(
@@ -68,7 +69,8 @@ def press_object(
         origin = point - start * rotation[:, 0]
         depth = caster.trace(origin[None], rotation[None])[0].astype(float)
         travel = float((depth + face.face_sag).min()) - sensor.gel_face  # to the first touch
-        if not CLEARANCE - travel <= sensor.range - sensor.gel_face:  # else the point is out of range; also inf
+        reach = sensor.range - sensor.gel_face
+        if not CLEARANCE - reach <= travel < np.inf:  # else the point is out of range at the first touch
             discarded[OBSTRUCTED] += 1
             continue
         depth -= travel
@@ -78,6 +80,9 @@ def press_object(
             readings = [press_sensor(depth, sensor, force, tuple(slip), twist, friction) for force in forces]
         except NotConverged:
             discarded[UNSETTLED] += 1
+            continue
+        if max(reading.strain for reading in readings) > 1:
+            discarded[THROUGH] += 1
             continue
         pose = {"point": point, "normal": normal, "position": origin + travel * rotation[:, 0], "rotation": rotation}
         presses.append(pose | _arrays(readings) | {"depth": _window(depth, face, sensor)} | {"slide": slip})

@@ -21,7 +21,7 @@ from palpate.store.hdf5_file import seal_hdf5
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
 SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3}
-SIZES |= {"w": 5, "f": 3, "h": 2, "a": 3, "i": 3, "u": 2}
+SIZES |= {"w": 5, "f": 3, "h": 2, "a": 3, "i": 3, "u": 2, "t": 2, "e": 3}
 STAGES = tuple(CONTRACT)
 
 
@@ -92,6 +92,8 @@ def contents(draw):
         "a": 2,
         "i": 1,
         "u": 1,
+        "t": 2,
+        "e": 2,
     }
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
