@@ -159,8 +159,8 @@ class Command(NamedTuple):
     arguments: Mapping[str, Mapping[str, Any]]
 
 
-OBJECT = {"help": "its name in catalogue.csv, for example bottle-0011"}
-MODEL = {
+OBJECT: dict[str, Any] = {"help": "its name in catalogue.csv, for example bottle-0011"}
+MODEL: dict[str, dict[str, Any]] = {
     "--seed": {"type": int, "help": "of the trained model (default: the first there is)"},
     "--device": {"default": "cpu", "help": "of torch (default: cpu)"},
 }

@@ -23,10 +23,10 @@ class SphereTracer(RayCaster):
         """mesh: as for `RayCaster`. tolerance: metres."""
         super().__init__(mesh)
         self._tolerance = tolerance
-        vertices = self._mesh.triangles.reshape(-1, 3)
+        vertices = self.mesh.triangles.reshape(-1, 3)
         self._surface = Surface(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
-    def _depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
+    def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
         """Way (rows, columns) of each ray until it arrives, or beyond the sensor's range."""
         plane = self.sensor.plane[block]
         start = plane.reshape(-1, 3) @ rotation.T + origin

@@ -2,20 +2,22 @@
 
 import csv
 import hashlib
+import json
 import sys
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate import named_files, provenance, shapes
+from palpate import named_files, shapes
 from palpate.atomic import atomic_write
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject, listed, style_of
 from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
-from palpate.checksums import DamagedFile, read_rows, size_and_sha256
 from palpate.rebuild_command import rebuild_advice, rebuild_command, run_folder
 from palpate.released import layout
+from palpate.seal import NOTHING, DamagedFile, MadeFrom, size_and_sha256
+from palpate.text_files import read_rows
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others", "turn", "style")
 OTHERS = "; "
@@ -76,7 +78,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
         raise CatalogueError(_why_missing(Path(path)))
     again = rebuild_advice(path)
     try:
-        rows = read_rows(path, COLUMNS[:4], again)
+        rows = read_rows(path, COLUMNS[:4])
     except DamagedFile as error:
         raise CatalogueError(str(error)) from None
     entries = [
@@ -236,9 +238,9 @@ def build(
     ]
 
 
-def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry]) -> None:
-    """Write the rows of a `catalogue.csv`, with its checksum beside it."""
-    with atomic_write(path, checksum=True) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry], made_from: MadeFrom = NOTHING) -> None:
+    """Write the rows of a `catalogue.csv`, and its seal with what they were made from."""
+    with atomic_write(path, made_from) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([COLUMNS, *entries])
 
 
@@ -269,7 +271,7 @@ def checksum(path: Path, files: Path | str | None = None) -> str:
 
 
 def require_unchanged(path: Path, before: str, files: Path | str | None = None) -> None:
-    """Raise `palpate.checksums.DamagedFile` if a source file is not the one of this `checksum` any more."""
+    """Raise `palpate.seal.DamagedFile` if a source file is not the one of this `checksum` any more."""
     try:
         same = checksum(path, files) == before
     except CatalogueError:
@@ -278,8 +280,14 @@ def require_unchanged(path: Path, before: str, files: Path | str | None = None) 
         raise DamagedFile(f"{path} has changed while it was read (checksum): start again once it is written")
 
 
-def sources_of(entries: Sequence[CatalogueEntry]) -> str:
-    """Digest of a batch's source files; empty if the catalogue does not state checksums."""
+def sources_of(entries: Iterable[CatalogueEntry]) -> dict[str, str]:
+    """What a batch's meshes state of their source files: one digest of name, checksum, up axis, scale and turn of all.
+
+    It is empty if the catalogue does not state checksums.
+    """
+    entries = list(entries)
     if not any(entry.checksum for entry in entries):
-        return ""
-    return provenance.sources_digest((each.object, each.checksum, each.up, each.scale, each.turn) for each in entries)
+        return {}
+    rows = [[each.object, each.checksum, each.up, each.scale, *filter(None, [each.turn])] for each in entries]
+    digest = hashlib.sha256(json.dumps(rows).encode()).hexdigest()
+    return {f"sources of {entries[0].batch}": digest}

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from palpate.checksums import DamagedFile
 from palpate.grasp.contacts import SLOTS, contact_arrays, contacts
 from palpate.grasp.grasp import Grasper
 from palpate.mesh import OBJECT_POSITION
+from palpate.seal import DamagedFile
 
 # Of what every frame has, in the order in which `closing_frames` makes it.
 NAMES = ("time", "joint_positions", "joint_velocities", "link_pose", "sensor_position", "sensor_rotation")

@@ -3,12 +3,15 @@
 Nothing here knows an engine: touch simulation and renderer read the same `Hand` as the grasp simulation.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsGetItem
 
 GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
@@ -267,8 +270,8 @@ class Hand:
         return arrays
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray], prefix: str = "") -> "Hand":
-        """The hand of `to_arrays`; arrays: any mapping of array-likes (an HDF5 group); prefix: of the names in it."""
+    def from_arrays(cls, arrays: "SupportsGetItem[str, np.ndarray]", prefix: str = "") -> "Hand":
+        """The hand of `to_arrays`; arrays: by name (a store, an HDF5 group); prefix: of the names in it."""
         values: dict[str, Any] = {}
         for field in fields(cls):
             value = np.asarray(arrays[f"{prefix}{field.name}"][...])

@@ -17,9 +17,9 @@ from typing import Any
 import jinja2
 
 from palpate import __version__
-from palpate.checksums import Manifest
 from palpate.interchange.card import licence_url
 from palpate.interchange.items import CARD, TEXT, Contents, pictures, versions
+from palpate.seal import Files
 
 TEMPLATE = Path(__file__).with_name("croissant.json.jinja")
 # Media types: of the files at the top of the folder by suffix, and, with their pattern, of sets of files by name.
@@ -41,7 +41,7 @@ NUMBERS = ("sample", "grasp", "press")
 KEYS = {"objects.csv": "object", "grasps.csv": "sample", "presses.csv": "sample"}
 
 
-def write_croissant(path: Path, contents: Contents, manifest: Manifest) -> None:
+def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
     """Write the description of an export whose files are in `manifest`, without a date."""
     top = [name for name in manifest if "/" not in name and Path(name).suffix in FILES]
     files = [_file(name, *manifest[name]) for name in top]

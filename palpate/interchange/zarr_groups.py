@@ -41,7 +41,7 @@ def _create(group: zarr.Group, name: str, value: np.ndarray, grasps: GraspDatase
         shape=(len(grasps), *value.shape),
         dtype="string" if name in TEXT else value.dtype,
         chunks=(ROWS, *value.shape),
-        compressors=BloscCodec(**COMPRESSION),  # type: ignore[arg-type]  # a table of texts and numbers
+        compressors=BloscCodec(**COMPRESSION),
         attributes={"meaning": spec.meaning, "unit": spec.unit} if spec else {},
         dimension_names=(grasps.unit, *(grasps.dimensions(name) if spec else ())),
         config={"write_empty_chunks": True},

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.results import products
 from palpate.results.bootstrap import ratio_interval
-from palpate.results.page import figure_image, picture_grid, save, save_sentence, styled
+from palpate.results.page import figure_image, picture_grid, save, save_sentence
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -55,13 +55,12 @@ def presses(dataset: Dataset) -> DataFrame:
             row: dict[str, Any] = {"class": name, "force": force, "objects": len(sums), "presses": len(chosen)}
             for column, most in {"area": np.inf, "depth": np.inf, "inside_percent": 100}.items():
                 mean = ratio_interval(sums[column], sums["one"], sums["class"]).within(0, most)
-                row |= {column: mean.value, f"{column}_low": mean.low, f"{column}_high": mean.high}
+                row |= mean.columns(column)
             table.append(row | {"pressure": chosen["pressure"].mean(), "strain": chosen["strain"].max()})
     return pd.DataFrame(table).round(3)
 
 
 @products.figure(name="presses", stores=("surface", "press"), category="Dataset", simulated=True)
-@styled
 def draw_presses(dataset: Dataset, path: Path | str) -> None:
     """Presses of a sensor onto objects, at rising forces: what it reads, and at the greatest force the pressure (white
     is none; each to its own largest) and how the gel's face moves sideways (arrows, 15 times as long as the motion).
@@ -89,7 +88,6 @@ def draw_presses(dataset: Dataset, path: Path | str) -> None:
 
 
 @products.figure(form="gif", stores=("meshes", "surface", "press"), category="Dataset", simulated=True)
-@styled
 def pressing(dataset: Dataset, path: Path | str) -> None:
     """A sensor that is pressed onto objects with a rising force: what it reads, and the pressure on its gel (white is
     none, dark red the largest of each).

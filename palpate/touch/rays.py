@@ -46,12 +46,12 @@ class RayCaster:
         sensors. Raises ValueError if no face has an area.
         """
         self.sensor = sensor
-        self._mesh = RayMesh(mesh)
+        self.mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)
         # (3, f), so that a test of one coordinate reads memory in order.
-        corners = self._mesh.triangles.transpose(1, 2, 0).copy()
+        corners = self.mesh.triangles.transpose(1, 2, 0).copy()
         self._low, self._high = corners.min(axis=0), corners.max(axis=0)
-        low, high = self._mesh.low, self._mesh.high
+        low, high = self.mesh.low, self.mesh.high
         self._large = (high - low).max() > _LARGEST
         # Coordinates far from the origin are rounded more.
         far = np.maximum(np.abs(low), np.abs(high)).max()
@@ -65,7 +65,7 @@ class RayCaster:
         origins, rotation = self._in_object_frame(position, rotation)
         depth = np.full((len(origins), *self.sensor.resolution), np.inf, dtype=np.float32)
         for k, origin in enumerate(origins):
-            block = self._block_in_reach(origin, rotation[k])
+            block = self.block_in_reach(origin, rotation[k])
             if block is not None:
                 depth[k, *block] = self._in_range(origin, rotation[k], block)
         return depth
@@ -78,19 +78,19 @@ class RayCaster:
         origins, rotation = self._in_object_frame(position, rotation)
         success = np.zeros(len(origins), dtype=bool)
         for k, origin in enumerate(origins):
-            block = self._block_in_reach(origin, rotation[k])
+            block = self.block_in_reach(origin, rotation[k])
             if block is not None:
-                success[k] = self._succeeds_early(origin, rotation[k], block)
+                success[k] = self.succeeds_early(origin, rotation[k], block)
                 success[k] = success[k] or np.isfinite(self._in_range(origin, rotation[k], block)).any()
         return success
 
     def is_near(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Whether any face is traced for each sensor: (...,) bool; position: (..., 3), rotation: (..., 3, 3)."""
         poses = self._in_object_frame(np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3)))
-        near = [len(self._near_faces(*pose)) > 0 for pose in zip(*poses, strict=True)]
+        near = [len(self.near_faces(*pose)) > 0 for pose in zip(*poses, strict=True)]
         return np.reshape(near, np.shape(position)[:-1])
 
-    def _succeeds_early(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> bool:
+    def succeeds_early(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> bool:
         """Whether Embree finds a face in range at every 10th pixel in both directions; doubtful ones don't count."""
         rows, columns = block
         coarse = slice(rows.start, rows.stop, 10), slice(columns.start, columns.stop, 10)
@@ -112,19 +112,19 @@ class RayCaster:
 
     def _in_range(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
         """Depth (rows, columns) of a block of pixels, +inf beyond the pixels' reach."""
-        depth = self._depth(origin, rotation, block)
+        depth = self.block_depth(origin, rotation, block)
         return np.where(depth <= self.sensor.reach[block], depth, np.inf)
 
-    def _block_in_reach(self, origin: np.ndarray, rotation: np.ndarray) -> Block | None:
+    def block_in_reach(self, origin: np.ndarray, rotation: np.ndarray) -> Block | None:
         """The block of pixels before the faces near the sensor, outside of which nothing can be in range, or None."""
-        faces = self._near_faces(origin, rotation)
+        faces = self.near_faces(origin, rotation)
         if not len(faces):
             return None
         sensor = self.sensor
         # Along y, then z.
         half = np.array([sensor.width, sensor.height]) / 2
         pixel, side = np.flip(sensor.pixel), np.flip(sensor.resolution)
-        corners = (self._mesh.triangles[faces] - origin) @ rotation
+        corners = (self.mesh.triangles[faces] - origin) @ rotation
         low, high = corners.min(axis=1), corners.max(axis=1)
         box = np.array([[0, *-half], [sensor.range, *half]])
         meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
@@ -135,7 +135,7 @@ class RayCaster:
         first, last = np.clip(first, 0, side), np.clip(last + 1, 0, side)
         return slice(first[1], last[1]), slice(first[0], last[0])
 
-    def _near_faces(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    def near_faces(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Indices of the faces whose bounding box meets the bounding box of the sensor's reach."""
         half = np.array([self.sensor.range, self.sensor.width, self.sensor.height]) / 2
         centre = origin + rotation[:, 0] * half[0]
@@ -146,7 +146,7 @@ class RayCaster:
             near = near[(self._low[axis, near] <= high[axis]) & (self._high[axis, near] >= low[axis])]
         return near
 
-    def _depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
+    def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
         """Depth (rows, columns) float64 of a block of pixels, up to the sensor's range; beyond it, any larger number.
 
         origin: (3,), rotation: (3, 3) of the sensor in the object's own frame.
@@ -172,7 +172,7 @@ class RayCaster:
         doubtful = np.zeros(len(pixels), dtype=bool)
         direction = rotation[:, 0]
         start = pixels @ rotation.T + (origin - _SLACK * direction)
-        hit = self._mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
+        hit = self.mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
         met = np.flatnonzero(hit >= 0)
         if len(met):
             depth[met], doubtful[met] = self._depth_on_faces(hit[met], pixels[met, 1:], origin, rotation)
@@ -184,7 +184,7 @@ class RayCaster:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Depth (n,) at which the rays through `pixels` (n, 2), y and z, meet the faces `hit` (n,), and whether (n,)
         bool it is doubtful: the face is seen edge-on, or met behind the sensor plane; the depth is then +inf."""
-        seen = np.zeros(len(self._mesh.triangles), dtype=bool)
+        seen = np.zeros(len(self.mesh.triangles), dtype=bool)
         seen[hit] = True
         faces, hit = np.flatnonzero(seen), (np.cumsum(seen) - 1)[hit]
         corners, normal = self._in_sensor_frame(faces, origin, rotation)
@@ -201,7 +201,7 @@ class RayCaster:
 
         A face seen edge-on covers no pixel; one on the sensor plane is touched, at depth 0.
         """
-        corners, normal = self._in_sensor_frame(self._near_faces(origin, rotation), origin, rotation)
+        corners, normal = self._in_sensor_frame(self.near_faces(origin, rotation), origin, rotation)
         row_height, _ = self.sensor.pixel
         low, high = corners[:, :, 2].min(axis=1) - row_height, corners[:, :, 2].max(axis=1) + row_height
         depth = np.empty(len(pixels))
@@ -215,9 +215,9 @@ class RayCaster:
         self, faces: np.ndarray, origin: np.ndarray, rotation: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Corners (f, 3, 3) and unit normals (f, 3) of faces, in the sensor's frame."""
-        normal = self._mesh.normals[faces] @ rotation
+        normal = self.mesh.normals[faces] @ rotation
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        return (self._mesh.triangles[faces] - origin) @ rotation, normal
+        return (self.mesh.triangles[faces] - origin) @ rotation, normal
 
 
 def _nearest(pixels: np.ndarray, corners: np.ndarray, normal: np.ndarray, rounding: float) -> np.ndarray:

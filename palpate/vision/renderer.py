@@ -73,7 +73,8 @@ class Renderer:
 
     samples: Cycles' samples a pixel for the colours. device: "cpu", "gpu", or "auto": a GPU if Cycles finds one.
     threads: of the CPU. exr: a folder that keeps every image as a multilayer EXR file with 32 bit floats, or None.
-    Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed.
+    Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed. The
+    steps of a picture are methods, for `studies/omitted` to replace.
     """
 
     _alive: weakref.ref["Renderer"] | None = None
@@ -124,33 +125,31 @@ class Renderer:
         shots = [(replace(scene, camera=camera), f"-camera-{k}" if k else "") for k, camera in enumerate(cameras)]
         with self._temporary_data():
             self._light(scene.lights, scene.object_position)
-            points = self._import(scene.visual_file, scene.object_position)
+            points = self.import_object(scene.visual_file, scene.object_position)
             unoccluded = []
             for shot, suffix in shots:
-                unoccluded.append(self._draw_unoccluded(shot, points, suffix))
+                unoccluded.append(self.draw_unoccluded(shot, points, suffix))
                 if not unoccluded[-1].image(None).mask.any():
                     size = shot.camera.size
                     raise UnusableObject(
                         f"{scene.visual_file}: no pixel of {size} x {size} shows the object"
                         f"{suffix.replace('-', ' ')}: make its materials less transparent, or the object thicker"
                     )
-            occluded = [
-                [self._draw_occluded(shot, points, grasp, suffix) for grasp in grasps] for shot, suffix in shots
-            ]
+            occluded = [[self.draw_occluded(shot, points, grasp, suffix) for grasp in grasps] for shot, suffix in shots]
         behind = None if scene.background is None else linear(scene.background)
         return [
             (alone.image(behind), [layers.image(behind) for layers in held])
             for alone, held in zip(unoccluded, occluded, strict=True)
         ]
 
-    def _draw_unoccluded(self, scene: Scene, points: np.ndarray, suffix: str = "") -> Layers:
+    def draw_unoccluded(self, scene: Scene, points: np.ndarray, suffix: str = "") -> Layers:
         """The object alone. points: (n, 3) its vertices in the world. suffix: of the EXR file's name."""
-        return self._draw(scene.camera, points, f"{scene.name}-unoccluded{suffix}")
+        return self.draw(scene.camera, points, f"{scene.name}-unoccluded{suffix}")
 
-    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int, suffix: str = "") -> Layers:
+    def draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int, suffix: str = "") -> Layers:
         """The object with the hand in one of the scene's grasps. points: (n, 3) the object's vertices in the world."""
-        points = np.concatenate([points, self._pose_hand(scene.link_pose[grasp])])
-        return self._draw(scene.camera, points, f"{scene.name}-grasp-{grasp}{suffix}")
+        points = np.concatenate([points, self.pose_hand(scene.link_pose[grasp])])
+        return self.draw(scene.camera, points, f"{scene.name}-grasp-{grasp}{suffix}")
 
     def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
         """The object of a scene alone over white, from each of the cameras instead of its own.
@@ -161,11 +160,11 @@ class Renderer:
         self._take_hand(None)
         with self._temporary_data():
             lamps = self._light(scene.lights, scene.object_position)
-            points = self._import(scene.visual_file, scene.object_position)
+            points = self.import_object(scene.visual_file, scene.object_position)
             layers = []
             for camera in cameras:
                 _pose_lamps(lamps, scene.object_position, camera.rotation @ scene.camera.rotation.T)
-                layers.append(self._draw(camera, points))
+                layers.append(self.draw(camera, points))
         return [passes.image(WHITE) for passes in layers]
 
     def render_meshes(
@@ -190,8 +189,8 @@ class Renderer:
                 body.pass_index = OBJECT_INDEX
                 drawn.append(np.asarray(mesh.vertices, dtype=float))
             if hand is not None:
-                drawn.append(self._pose_hand(np.asarray(link_pose)))
-            layers = self._draw(camera or paper_camera(), np.concatenate(drawn))
+                drawn.append(self.pose_hand(np.asarray(link_pose)))
+            layers = self.draw(camera or paper_camera(), np.concatenate(drawn))
         return layers.image(background)
 
     @contextmanager
@@ -219,14 +218,14 @@ class Renderer:
         for _, body, _ in self._links:
             body.hide_render = True
 
-    def _import(self, path: Path, position: Sequence[float]) -> np.ndarray:
+    def import_object(self, path: Path, position: Sequence[float]) -> np.ndarray:
         """Put an object's file, its origin at a position, into Blender; returns its vertices (n, 3) in the world."""
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected an object's visual.glb")
         before = set(bpy.data.objects)
         try:
             with blender.quiet():
-                self._read_file(path)
+                self.read_file(path)
         except Exception as error:
             reason = str(error).strip().splitlines()[-1]
             raise UnusableObject(f"{path}: Blender can't read it as glTF ({reason})") from error
@@ -256,11 +255,11 @@ class Renderer:
             raise UnusableObject(f"{path}: expected triangles with finite coordinates, found {len(points)} vertices")
         return points
 
-    def _read_file(self, path: Path) -> None:
+    def read_file(self, path: Path) -> None:
         """Import a glTF file into Blender, without materials that nothing uses."""
         bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=False)
 
-    def _pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
+    def pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
         """Show the hand, its links at poses (L, 4, 4); returns its vertices (n, 3) in the world."""
         points = [np.zeros((0, 3))]
         for link, body, vertices in self._links:
@@ -278,7 +277,7 @@ class Renderer:
         _pose_lamps(lamps, centre, np.eye(3))
         return lamps
 
-    def _draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
+    def draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
         """Render what is in Blender, its vertices being `points` (n, 3); keep it if masters are kept.
 
         master: the EXR file's name; none keeps nothing.
@@ -289,21 +288,21 @@ class Renderer:
         self._camera.matrix_world = _matrix(camera.pose())
         for name, value in {**CYCLES, **self.cycles}.items():
             setattr(self._scene.cycles, name, value)
-        rectangle = self._rectangle(camera, points)
+        rectangle = self.rectangle(camera, points)
         if rectangle is None:
             return Layers.empty(camera.size)
         _crop(self._scene.render, camera.size, *rectangle)
         nearest = np.min(camera.project(points)[1])
         self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)
-        colour = self._render(self.samples, PIXEL_FILTER)
-        point = self._render_centres()
+        colour = self.render_layers(self.samples, PIXEL_FILTER)
+        point = self.render_centres()
         layers = Layers(colour.combined, point.depth, point.object_index)
         if master is not None and self.exr is not None:
             write_layers(self.exr / f"{master}.exr", layers)
         return layers
 
     @staticmethod
-    def _rectangle(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    def rectangle(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Corners (2,) of the pixels in which points (n, 3) lie: (column, row), the second one outside; None if no
         point is in the image. Cycles draws the same random numbers for a pixel whatever the rectangle."""
         pixels, depth = camera.project(points)
@@ -315,11 +314,11 @@ class Renderer:
             high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN, 0, camera.size)
         return None if (low >= high).any() else (low, high)
 
-    def _render_centres(self) -> Layers:
+    def render_centres(self) -> Layers:
         """Mask and depth, one sample at each pixel's centre."""
-        return self._render(1, POINT_FILTER)
+        return self.render_layers(1, POINT_FILTER)
 
-    def _render(self, samples: int, filter_width: float) -> Layers:
+    def render_layers(self, samples: int, filter_width: float) -> Layers:
         """Render with a number of samples a pixel and a width (pixels) of the pixel filter; OSError without space."""
         scene = self._scene
         scene.cycles.samples = samples

@@ -62,7 +62,7 @@ def combine(own: ExperimentData, larger: ExperimentData) -> ExperimentData:
 @torch.no_grad()
 def smoothness(model: Reconstruction, data: ExperimentData, experiment: Experiment, count: int) -> np.ndarray:
     """The numbers of `QUALITY` of a model's meshes, on average over so many windows of every validation object."""
-    assemble, surface = Assembler(data, experiment), topology(experiment.strategy)
+    assemble, surface = Assembler(data, experiment), topology(experiment.plan.start)
     qualities = [
         surface_quality(model(assemble([sample]))[0].numpy(), surface, cKDTree(data["points"][sample.object]))
         for sample in windows(data, experiment, "validation")

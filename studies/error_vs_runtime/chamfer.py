@@ -14,10 +14,10 @@ import trimesh
 from torch import Tensor
 
 from palpate.charts import sample_faces, vision_atlas
-from palpate.learning.losses import Truth, reconstruction_loss
 from palpate.learning.metrics import score
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface
+from palpate.models.losses import Target, Truth, reconstruction_loss
 from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample as sample_exterior
 from studies.error_vs_runtime.study import Method, Study, variants
@@ -131,7 +131,7 @@ def training_loss(n: int, case: Pair) -> Draws:
     def draw(seed: int) -> float:
         vertices = case.vertices[None].clone().requires_grad_()
         generator = torch.Generator().manual_seed(seed)
-        loss = reconstruction_loss(vertices, case.faces, case.truth, [0], n, generator).sum()
+        loss = reconstruction_loss(vertices, case.faces, Target(case.truth, [0], n, generator)).sum()
         loss.backward()
         return float(loss.detach())
 

@@ -25,21 +25,24 @@ UNTOUCHED = "a sensor touches nothing"
 class EveryFace(RayCaster):
     """Traces faces outside the swept box, too."""
 
-    def _near_faces(self, origin, rotation) -> np.ndarray:
-        return np.arange(len(self._mesh.triangles))
+    def near_faces(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Indices of all faces."""
+        return np.arange(len(self.mesh.triangles))
 
 
 class EveryPixel(RayCaster):
     """Traces pixels with no face in front of them, too."""
 
-    def _block_in_reach(self, origin, rotation) -> Block:
+    def block_in_reach(self, origin: np.ndarray, rotation: np.ndarray) -> Block:
+        """The block of all pixels."""
         return slice(0, touch.RESOLUTION), slice(0, touch.RESOLUTION)
 
 
 class EveryPixelForSuccess(RayCaster):
     """Continues after the first pixel in range, where only success is needed."""
 
-    def _succeeds_early(self, origin, rotation, block: Block) -> bool:
+    def succeeds_early(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> bool:
+        """Never, so that all pixels are traced."""
         return False
 
 

@@ -21,12 +21,12 @@ from palpate.experiments import Experiment
 from palpate.learning.data import ExperimentData
 from palpate.learning.learners import Diverged, ReconstructionLearner
 from palpate.learning.loop import train
-from palpate.learning.losses import Truth, reconstruction_loss
 from palpate.learning.machine import Machine
 from palpate.learning.recipes import ReconstructionSettings
 from palpate.learning.samples import Assembler, Sample
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
+from palpate.models.losses import Target, Truth, reconstruction_loss
 from palpate.models.templates import Templates
 from palpate.touch.sensor import RESOLUTION
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
@@ -121,7 +121,7 @@ def model_and_batch(subject: Subject, successful: bool = True) -> tuple[Reconstr
 
 def loss_of(model: Reconstruction, vertices: Tensor, truth: Truth) -> Tensor:
     """The training loss of the batch of `model_and_batch`."""
-    return reconstruction_loss(vertices, model.faces, truth, [0, 1], 1000, seeded()).mean()
+    return reconstruction_loss(vertices, model.faces, Target(truth, [0, 1], 1000, seeded())).mean()
 
 
 class PerturbedLearner(ReconstructionLearner):

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
-from palpate import provenance, scene, store  # isort: skip
+from palpate import scene, seal, store  # isort: skip
 from palpate.batch import each_object  # isort: skip
 from palpate.hand import Hand  # isort: skip
 from palpate.scene import GRASP_ARRAYS, Scene  # isort: skip
@@ -21,7 +21,7 @@ inputs, params = snakemake.input, snakemake.params
 meshes, settings, seed = Path(inputs.meshes), params.vision, params.seed
 frames = store.open(inputs.frames)
 made_with = {"seed": seed, "vision": settings, "frames": params.frames}
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), store.open(inputs.grasps).made, frames.made)
+made_from = seal.combine(made_with, seal.read(meshes), store.open(inputs.grasps).seal, frames.seal)
 hand = Hand.from_arrays(store.open(inputs.grasps), prefix="hand/")
 _, grasps, count = frames.header("time")[0]
 chosen = np.rint(np.linspace(count - 1, 0, params.frames["images"])).astype(int)[::-1]

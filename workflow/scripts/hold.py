@@ -9,7 +9,7 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
-from palpate import grasp, mesh, provenance, store
+from palpate import grasp, mesh, seal, store
 from palpate.batch import generator
 from palpate.hand import Hand
 from palpate.rebuild_command import rebuild_advice
@@ -20,8 +20,8 @@ log = logging.getLogger("hold")
 inputs, params = snakemake.input, snakemake.params
 meshes, seed = Path(inputs.meshes), params.seed
 grasps, surface = store.read(inputs.grasps), store.open(inputs.surface)
-made = [provenance.of_meshes(meshes), surface.made, store.open(inputs.grasps).made]
-made_from = provenance.combine({"seed": seed, "hold": params.hold}, *made)
+made = [seal.read(meshes), surface.seal, store.open(inputs.grasps).seal]
+made_from = seal.combine({"seed": seed, "hold": params.hold}, *made)
 hand, sensor = Hand.from_arrays(grasps, prefix="hand/"), replace(DIGIT, **params.sensor)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 settings = {key: params.grasps[key] for key in ("timestep", "max_penetration", "thumb_share")}

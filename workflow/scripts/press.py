@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import mesh, provenance, store, touch
+from palpate import mesh, seal, store, touch
 from palpate.batch import each_object, generator
 from palpate.sensor import Sensor, read_background
 
@@ -20,7 +20,7 @@ meshes, params = Path(snakemake.input.meshes), snakemake.params
 seed, description, settings = params.seed, params.sensor, params.press
 surface = store.open(snakemake.input.surface)
 made_with = {"seed": seed, "press": settings, "touch": {"sensor": description}}
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), surface.made)
+made_from = seal.combine(made_with, seal.read(meshes), surface.seal)
 image = snakemake.input.background
 sensor = Sensor.from_description(description, read_background(image, description["resolution"]) if image else None)
 points = dict(zip(surface["object"], surface["points"], strict=True))
