@@ -144,7 +144,8 @@ class _Batch:
 
     def check_empty_reading(self, sensor: Sensor) -> None:
         """The stored empty reading equals that of the sensor."""
-        for stage in [name for name in ("touch", "press") if name in self.stores]:
+        # Whether a store without objects is of pressed gels, it does not say.
+        for stage in [name for name in ("touch", "press") if self.objects.get(name)]:
             with self.reading(stage):
                 stored, pressed = self.stores[stage].empty_reading.astype(int), "indentation" in self.arrays[stage]
                 expected = shade_pressed(np.zeros(sensor.resolution), sensor) if pressed else empty_reading(sensor)

@@ -222,13 +222,14 @@ def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[st
     """The arrays of a batch, from the named arrays of each of its objects, in the contract's types.
 
     The arrays of the objects are stacked. Optional arrays that no object has are omitted. `object` is made here.
-    Axes of a batch without objects have length 0. Raises StoreError if objects have arrays of different shapes.
+    Axes of a batch without objects have length 0; it has no arrays that only a config asks for. Raises StoreError if
+    objects have arrays of different shapes.
     """
     arrays = {"object": np.array(list(records), dtype=str)}
     for name, spec in CONTRACT[stage].arrays.items():
         if not spec.of_objects or name == "object":
             continue
-        if spec.optional and records and not any(name in record for record in records.values()):
+        if (spec.asked or spec.optional and records) and not any(name in record for record in records.values()):
             continue
         rows = {key: np.asarray(record[name], dtype=spec.dtype) for key, record in records.items()}
         shapes = {row.shape: key for key, row in rows.items()}

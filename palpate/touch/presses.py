@@ -49,10 +49,11 @@ def press_object(
     depths are those at which the gel first touches the undeformed surface. Raises UnusableObject if `ATTEMPTS` points a
     press don't give enough of them; ConfigError for a sensor whose gel can't be pressed.
     """
-    face, rays = face_sensor(sensor), RayMesh(mesh)
+    face = face_sensor(sensor)
     # From so far away the whole way is seen, and all that the gel could meet at its end.
     start = sensor.gel_face + CLEARANCE
     caster = RayCaster(mesh, sensor=replace(face, range=face.range + CLEARANCE))
+    rays = caster.mesh
     draws = rng.random((ATTEMPTS * count, 5))
     points = np.asarray(surface_points, dtype=float)[(draws[:, 0] * len(surface_points)).astype(int)]
     normals = _outward_normals(rays, points)
