@@ -73,7 +73,7 @@ def export(
     inputs.append(dataset.folder / "catalogue.csv")
     with atomic_write(folder) as partial:
         partial.mkdir()
-        _write_descriptions(partial, dataset)
+        _write_descriptions(partial, dataset, samples)
         contents.layout.write(partial, splits)
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
@@ -123,7 +123,7 @@ def _copy_figures(folder: Path, dataset: Dataset) -> None:
         shutil.copyfile(figure, folder / "figures" / figure.name)
 
 
-def _write_descriptions(folder: Path, dataset: Dataset) -> None:
+def _write_descriptions(folder: Path, dataset: Dataset, samples: str) -> None:
     """Write hand, sensor, untouched reading and cameras, of the stages that there are. Raises StoreError if batches
     have different hands or sensors."""
     stages, records = dataset.stages, [*{record.batch: record for record in dataset}.values()]
@@ -134,7 +134,9 @@ def _write_descriptions(folder: Path, dataset: Dataset) -> None:
             raise StoreError(f"{grasps} have different {different[0]}s: build the run from one config")
     for name, text in first.items():
         (folder / f"{name}.json").write_text(text, encoding="utf-8")
-    if "touch" in stages:
+    if samples == "presses":
+        (folder / "empty_reading.png").write_bytes(png(dataset[0].presses[0].empty_reading))
+    elif "touch" in stages:
         (folder / "empty_reading.png").write_bytes(png(dataset.empty_reading))
     if "vision" in stages:
         about = {name: CONTRACT["vision"].arrays[name].meaning for name in ("intrinsics", "extrinsics")}

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.batch import UnusableObject
-from palpate.mesh import Mesh
+from palpate.mesh import Geometry
 from palpate.sensor import Sensor
 from palpate.surface.embree import RayMesh
 from palpate.surface.rays import DIRECTIONS, fibonacci_sphere
@@ -27,7 +27,7 @@ THROUGH = "a force would press it through the gel"
 
 
 def press_object(
-    mesh: Mesh,
+    mesh: Geometry,
     surface_points: np.ndarray,
     sensor: Sensor,
     rng: np.random.Generator,
@@ -57,7 +57,7 @@ def press_object(
     draws = rng.random((ATTEMPTS * count, 5))
     points = np.asarray(surface_points, dtype=float)[(draws[:, 0] * len(surface_points)).astype(int)]
     normals = _outward_normals(rays, points)
-    rotations = _sensor_axes(normals, *draws[:, 1:4].T, tilt)
+    rotations = _sensor_axes(normals, draws[:, 1:4], tilt)
     free = _has_way(rays, points, normals, rotations[:, :, 0], start)
     presses: list[dict[str, np.ndarray]] = []
     discarded: Counter[str] = Counter()
@@ -121,9 +121,10 @@ def _has_way(rays: RayMesh, points: np.ndarray, normals: np.ndarray, axes: np.nd
     return free & (ways_out(rays, points - length * axes) > 0)
 
 
-def _sensor_axes(normals: np.ndarray, turn: np.ndarray, away: np.ndarray, around: np.ndarray, tilt: float):
+def _sensor_axes(normals: np.ndarray, draws: np.ndarray, tilt: float) -> np.ndarray:
     """Rotations (n, 3, 3) of sensors whose x points into the surface with these normals (n, 3), uniformly within `tilt`
-    of them; turn, away, around: (n,) random numbers between 0 and 1."""
+    of them; draws: (n, 3) random numbers between 0 and 1."""
+    turn, away, around = draws.T
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     cosine = (1 - away * (1 - np.cos(tilt)))[:, None]
