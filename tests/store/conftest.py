@@ -204,7 +204,7 @@ def add_presses(folder: Path) -> None:
     if not PRESSES:
         for batch, names in BATCHES.items():
             records = {}
-            for name in (name for name in names if name != REJECTED):
+            for name in names:  # grasps, which rejected one, are not read
                 points, draw = surface_points(name) - OBJECT_POSITION, generator(0, name, "press")
                 arrays, _ = press_object(shape(name), points, DIGIT, draw, 2, (0.5, 1.0, 2.0), tilt=0.05)
                 records[name] = arrays | {key: arrays[key] + OBJECT_POSITION for key in ("point", "position")}

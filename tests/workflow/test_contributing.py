@@ -46,7 +46,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import mesh, provenance, store
+from palpate import mesh, seal, store
 from palpate.batch import each_object
 
 log_to(snakemake.log[0])
@@ -60,7 +60,7 @@ def measure(name):
     return {"corner": mesh.load_geometry(meshes / name).vertices.max(axis=0) + middle, "palm_distance": distance}
 
 
-made_from = provenance.combine({"seed": seed}, provenance.of_meshes(meshes), grasps.made)
+made_from = seal.combine({"seed": seed}, seal.read(meshes), grasps.seal)
 store.write_batch(snakemake.output, "reach", each_object(palms, measure, "reach"), seed, made_from)
 '''
 READ = """
