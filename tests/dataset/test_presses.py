@@ -56,7 +56,9 @@ def test_items_for_training_are_presses(pressed):
     record = pressed.split("test")[0]
     assert len(items) == 2 and items[1]["press"] == 1 and items[1]["object"] == record.name
     np.testing.assert_array_equal(items[1]["reading"], record.presses[1].reading)
-    assert items.dimensions("reading") == ("force", "row", "column", "colour") and items.images == {"reading": True}
+    assert items.dimensions("reading") == ("force_step", "row", "column", "colour") and items.images == {
+        "reading": True
+    }
     assert not {*pressed.grasps().arrays} & {"pressure", "approach"}  # samples of grasps don't repeat them
     with pytest.raises(IndexError, match="press 2 of 2"):
         items[2]
@@ -79,7 +81,7 @@ def test_exports_have_a_sample_a_press(pressed, tmp_path):
     export(pressed, tmp_path / "zarr", "zarr", ["pressure", "force"], samples="presses")
     group = zarr.open_group(tmp_path / "zarr/test.zarr", mode="r")
     np.testing.assert_array_equal(group["pressure"][1], pressed.split("test")[0].presses[1].pressure)
-    assert group["force"].metadata.dimension_names == ("press", "force")
+    assert group["force"].metadata.dimension_names == ("press", "force_step")
 
 
 def test_parquet_has_a_row_a_press(pressed, tmp_path):

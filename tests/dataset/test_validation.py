@@ -236,7 +236,7 @@ def again(split):
 
 NAN, INF = np.nan, np.inf
 PICTURE = ("unoccluded_mask", "unoccluded_depth")
-OF_FORCES = {check for *_, check in test_forces.DAMAGES} - {"finite"} | {"pressed"}  # caught there, and in test_pressed
+OF_FORCES = {check for *_, check in test_forces.DAMAGES} - {"finite"}  # caught there
 DAMAGES = {
     "made from": [("vision", made_with(lambda had: had | {"made_from": {"inputs": {f"grasps/{BATCH}.h5": "0" * 64}}}))],
     "readable": [
