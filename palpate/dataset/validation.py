@@ -7,10 +7,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 from tqdm import tqdm
 
 from palpate import checksums, provenance
@@ -27,6 +26,9 @@ from palpate.stages import DATASET_STORES, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError, check_headers
 from palpate.touch import empty_reading
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NAMED = 5  # how many failures a row names
 CHECK_STAGE = {name: checks.of_stage(name) for name in DATASET_STORES}  # of one object
@@ -319,7 +321,7 @@ def validate(
     return True, f"{checked}: passed, {took}"
 
 
-def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Path | str | None = None) -> pd.DataFrame:
+def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Path | str | None = None) -> "pd.DataFrame":
     """One row a check, store and batch, after the checks that need the whole run.
 
     findings: of all batches. run: its folder, with catalogue and rejections. sources: the folder of the source files,
@@ -327,6 +329,8 @@ def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Pa
     Columns: check, store, batch, objects (how many were checked; 0 for a check of a whole store), worst,
     limit, passed, where (what failed: object, grasp, sensor).
     """
+    import pandas as pd
+
     run = Path(run)
     catalogue = read_catalogue(run / "catalogue.csv")
     twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)
