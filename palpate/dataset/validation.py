@@ -321,7 +321,9 @@ def validate(
     return True, f"{checked}: passed, {took}"
 
 
-def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Path | str | None = None) -> "pd.DataFrame":
+def combine_validation(
+    findings: Sequence[Finding], run: Path | str, sources: Path | str | None = None
+) -> "pd.DataFrame":
     """One row a check, store and batch, after the checks that need the whole run.
 
     findings: of all batches. run: its folder, with catalogue and rejections. sources: the folder of the source files,
