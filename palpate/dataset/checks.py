@@ -17,14 +17,12 @@ import numpy as np
 
 from palpate.camera import Camera
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, Geometry, load_geometry, load_visual, read_record
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, Geometry, load_geometry, read_record
 from palpate.sensor import DIGIT, Sensor
 from palpate.store.contract import CONTRACT
 from palpate.touch import local_points, shade, shade_pressed
 
 if TYPE_CHECKING:
-    import trimesh
-
     from palpate.mesh.distance import Surface
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
@@ -86,11 +84,16 @@ class CheckedObject:
         return self.hand
 
     @cached_property
-    def mesh(self) -> "trimesh.Trimesh":
+    def mesh(self) -> Geometry:
         """The visual mesh in the world."""
-        mesh = load_visual(self.folder)
-        mesh.vertices = mesh.vertices + OBJECT_POSITION
-        return mesh
+        vertices, faces = load_geometry(self.folder)
+        return Geometry(vertices + OBJECT_POSITION, faces)
+
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) of the box around the mesh's faces, in the world."""
+        corners = self.mesh.vertices[self.mesh.faces.ravel()]
+        return corners.min(axis=0), corners.max(axis=0)
 
     @cached_property
     def diagonal(self) -> float:
@@ -127,7 +130,7 @@ Measured = Iterator[tuple[str, np.ndarray | float]]
 
 def check_mesh(item: CheckedObject) -> Measured:
     """Whether the mesh keeps the contract's frame."""
-    low, high = item.mesh.bounds
+    low, high = item.bounds
     off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
     yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - item.diagonal))
 
@@ -135,7 +138,7 @@ def check_mesh(item: CheckedObject) -> Measured:
 def check_surface(item: CheckedObject) -> Measured:
     """The surface points of one object."""
     points = item.rows["surface"]["points"]
-    low, high = item.mesh.bounds
+    low, high = item.bounds
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
     if can_check("on mesh"):
         yield "on mesh", item.distance(points).max(initial=0)
@@ -461,7 +464,7 @@ def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
 
     camera = pictures.camera
     rays = camera.rays().reshape(-1, 3)
-    mesh = RayMesh(Geometry(np.asarray(item.mesh.vertices), np.asarray(item.mesh.faces)))
+    mesh = RayMesh(item.mesh)
     face = mesh.first_face(np.broadcast_to(camera.position, rays.shape), rays)
     hit = face >= 0
     normal, corner = mesh.normals[face[hit]], mesh.triangles[face[hit], 0]

@@ -9,10 +9,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 from tqdm import tqdm
 
 from palpate import seal
@@ -31,6 +30,9 @@ from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError, check_headers
 from palpate.text_files import read_rows
 from palpate.touch import empty_reading, shade_pressed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NAMED = 5  # how many failures a row names
 # What jobs write into a run's folder, file by file.
@@ -365,7 +367,7 @@ def combine_validation(
     run: Path | str,
     sources: Path | str | None = None,
     files: Iterable[Path] | None = None,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """One row a check, store and batch, after the checks that need the whole run.
 
     findings: of all batches. run: its folder, with catalogue and rejections. sources: the folder of the source files,
@@ -374,6 +376,8 @@ def combine_validation(
     Columns: check, store, batch, objects (how many were checked; 0 for a check of a whole store), worst,
     limit, passed, where (what failed: object, grasp, sensor).
     """
+    import pandas as pd
+
     run = Path(run)
     catalogue = read_catalogue(run / "catalogue.csv")
     twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)
