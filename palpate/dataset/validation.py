@@ -350,7 +350,8 @@ def validate(
     table = combine_validation(findings, run, sources, outputs(run))
     checked = f"{len(table)} checks, {len({finding.object for finding in findings if finding.object})} objects"
     took = f"in {time.perf_counter() - start:.1f} s (values of {anew} of {len(batches)} batches anew)"
-    if anew and (unchecked := [check for check in checks.ENGINES if not checks.can_check(check)]):
+    relevant = [check for check in checks.ENGINES if check != "outside" or "press" in Run(run).asked_stores]
+    if anew and (unchecked := [check for check in relevant if not checks.can_check(check)]):
         took += f"; not checked: {', '.join(unchecked)}: pip install 'palpate[factory]' brings the engines for that"
     failed = table[~table.passed]
     if len(failed):
