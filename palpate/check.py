@@ -106,7 +106,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     for path in hand or ():
         if not Path(path).is_file():
             raise ConfigError(f"config grasps.hand: {path}: no such file")
-    if config["touch"]["pressed"]:
+    if config["touch"]["pressed"] or config["press"]["count"]:
         touch_sensor.require_material()
     frames, states = config["frames"], round(DURATION / grasps["timestep"]) + 1
     contradictions = {
@@ -121,6 +121,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
             != sensor.DIGIT.geometry,
             "hold: released data have no grasps that could be tested: set test to false": config["hold"]["test"],
             "touch.pressed: released data have no forces: set it to false": config["touch"]["pressed"],
+            "press: released data have no meshes that could be pressed: set count to 0": config["press"]["count"],
             "frames: released data have no grasps that could be closed again: set count to 0": frames["count"],
             "vision.cameras: released data have the paper's camera: set it to null": config["vision"]["cameras"],
         }

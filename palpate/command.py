@@ -146,8 +146,8 @@ def export(args: argparse.Namespace) -> int:
     from palpate import interchange
     from palpate.dataset import Dataset
 
-    given = (args.output, args.format, args.arrays, args.license, args.source)
-    print(f"{args.output}: {interchange.export(Dataset(args.run), *given)} grasps")
+    given = (args.output, args.format, args.arrays, args.license, args.source, args.samples)
+    print(f"{args.output}: {interchange.export(Dataset(args.run), *given)} {args.samples}")
     return 0
 
 
@@ -202,6 +202,9 @@ COMMANDS = {
             "choices": ("webdataset", "parquet", "zarr"),
             "default": "webdataset",
             "help": "tar shards; Parquet and images, for load_dataset of Hugging Face; Zarr, for xarray",
+        },
+        "--samples": {
+            "choices": ("grasps", "presses"), "default": "grasps", "help": "what a sample is (default: grasps)"
         },
         "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
         "--license": {"default": "unknown", "help": "of the data, by its SPDX name, as CC-BY-4.0 (https://spdx.org/licenses)"},

@@ -194,8 +194,8 @@ class Sensor:
         """The gel's material. Raises `ConfigError` if the sensor's file does not describe a gel that can be pressed."""
         if self.material is None or self.gel_radius is not None:
             raise ConfigError(
-                f"touch.pressed: the gel of sensor {self.name!r} can't be pressed: its file needs gel.thickness, "
-                "gel.shear_modulus and gel.poisson, and a gel.face that is flat or {sag: m}"
+                f"touch.pressed, press.count: the gel of sensor {self.name!r} can't be pressed: its file needs "
+                "gel.thickness, gel.shear_modulus and gel.poisson, and a gel.face that is flat or {sag: m}"
             )
         return self.material
 

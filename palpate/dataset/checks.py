@@ -17,14 +17,12 @@ import numpy as np
 
 from palpate.camera import Camera
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, Geometry, load_visual, read_record
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, Geometry, load_geometry, read_record
 from palpate.sensor import DIGIT, Sensor
 from palpate.store.contract import CONTRACT
 from palpate.touch import local_points, shade, shade_pressed
 
 if TYPE_CHECKING:
-    import trimesh
-
     from palpate.mesh.distance import Surface
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
@@ -56,7 +54,7 @@ with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as fi
 
 
 # Checks that need a compiled engine of the extra `factory`, and the engine.
-ENGINES = {"on mesh": "igl", "picture of mesh": "embreex"}
+ENGINES = {"on mesh": "igl", "picture of mesh": "embreex", "outside": "embreex"}
 
 
 @cache
@@ -86,11 +84,16 @@ class CheckedObject:
         return self.hand
 
     @cached_property
-    def mesh(self) -> "trimesh.Trimesh":
+    def mesh(self) -> Geometry:
         """The visual mesh in the world."""
-        mesh = load_visual(self.folder)
-        mesh.vertices = mesh.vertices + OBJECT_POSITION
-        return mesh
+        vertices, faces = load_geometry(self.folder)
+        return Geometry(vertices + OBJECT_POSITION, faces)
+
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) of the box around the mesh's faces, in the world."""
+        corners = self.mesh.vertices[self.mesh.faces.ravel()]
+        return corners.min(axis=0), corners.max(axis=0)
 
     @cached_property
     def diagonal(self) -> float:
@@ -127,7 +130,7 @@ Measured = Iterator[tuple[str, np.ndarray | float]]
 
 def check_mesh(item: CheckedObject) -> Measured:
     """Whether the mesh keeps the contract's frame."""
-    low, high = item.mesh.bounds
+    low, high = item.bounds
     off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
     yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - item.diagonal))
 
@@ -135,7 +138,7 @@ def check_mesh(item: CheckedObject) -> Measured:
 def check_surface(item: CheckedObject) -> Measured:
     """The surface points of one object."""
     points = item.rows["surface"]["points"]
-    low, high = item.mesh.bounds
+    low, high = item.bounds
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
     if can_check("on mesh"):
         yield "on mesh", item.distance(points).max(initial=0)
@@ -166,8 +169,8 @@ def check_touch(item: CheckedObject) -> Measured:
     yield "point count", np.abs(count - finite.sum(axis=(2, 3)))
     yield "points", _each_sensor(item, _points_error)
     if "indentation" in rows:
-        yield "reading", _pressed_reading_error(item)
-        yield "pressed", _pressed_error(item)
+        yield "reading", _pressed_reading_error(rows, item.sensor)
+        yield "pressed", _pressed_error(rows, item.sensor)
     else:
         yield "reading", _each_sensor(item, _reading_error)
     if can_check("on mesh"):
@@ -227,6 +230,31 @@ def check_hold(item: CheckedObject) -> Measured:
     label = np.where((along < 0).any(axis=1), -1, (along == 1).all(axis=1))
     farthest, nearest = moved[along == 1].max(initial=0), moved[along == 0].min(initial=np.inf)
     yield "held", (rows["held"] != label) + int(farthest > nearest)
+
+
+def check_press(item: CheckedObject) -> Measured:
+    """The presses of one object."""
+    rows, sensor = item.rows["press"], item.sensor
+    numeric = [rows[name].reshape(len(rows["force"]), -1) for name in rows if name not in ("object", "depth")]
+    yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
+    yield "rotation", rotation_error(rows["rotation"])
+    depth, axis, arm = rows["depth"], rows["rotation"][:, :, 0], rows["point"] - rows["position"]
+    yield "touch depth", np.sum(_out_of_range(depth, sensor), axis=(1, 2))
+    # The axis goes through the point, and nothing is in the undeformed gel.
+    gel = sensor.gel_face - (depth + sensor.face_sag).min(axis=(1, 2))
+    yield "press pose", np.maximum(np.linalg.norm(np.cross(arm, axis), axis=1), gel)
+    yield "reading", _pressed_reading_error(rows, sensor).max(axis=1)
+    pulls = rows["pressure"].min(axis=(1, 2, 3)) < 0
+    yield "pressed", np.where(pulls, np.inf, _pressed_error(rows, sensor).max(axis=1))
+    if can_check("on mesh"):
+        poses = zip(depth, rows["position"], rows["rotation"], strict=True)
+        clouds = [item.distance(local_points(*pose, sensor)).max(initial=0) for pose in poses]
+        yield "on mesh", np.maximum(item.distance(rows["point"]), clouds)
+    if can_check("outside"):
+        from palpate.surface.embree import RayMesh
+        from palpate.touch.presses import ways_out
+
+        yield "outside", ways_out(RayMesh(load_geometry(item.folder)), rows["position"] - OBJECT_POSITION) == 0
 
 
 def _pose_error(hand: Hand, links: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
@@ -349,6 +377,7 @@ OF_STAGE: dict[str, Callable[[CheckedObject], Measured]] = {
     "touch": check_touch,
     "frames": check_frames,
     "hold": check_hold,
+    "press": check_press,
     "vision": check_vision,
     "frame_images": check_frame_images,
 }
@@ -389,20 +418,20 @@ def _reading_error(sensor: Sensor, depth: np.ndarray, reading: np.ndarray, **_: 
     return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
 
 
-def _pressed_reading_error(item: CheckedObject) -> np.ndarray:
-    """Grey levels between pressed readings and the shading of their deformed faces: (g, s)."""
-    rows = item.rows["touch"]
-    error = np.zeros(rows["success"].shape)
+def _pressed_reading_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
+    """Grey levels between pressed readings and the shading of their deformed faces: (g, s), of presses (t, e)."""
+    error = np.zeros(rows["force"].shape)
+    touched = rows.get("success", np.full(error.shape, True))
     for index in np.ndindex(error.shape):
-        shaded = shade_pressed(rows["indentation"][index], item.sensor, rows["displacement"][index])
-        expected = shaded if rows["success"][index] else 0
+        shaded = shade_pressed(rows["indentation"][index], sensor, rows["displacement"][index])
+        expected = shaded if touched[index] else 0
         error[index] = np.abs(rows["reading"][index].astype(int) - expected).max()
     return error
 
 
-def _pressed_error(item: CheckedObject) -> np.ndarray:
+def _pressed_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
     """What the pressures within the image sum to, less the share of the force that they should, over the force."""
-    rows, area = item.rows["touch"], np.prod(item.sensor.pixel)
+    area = np.prod(sensor.pixel)
     error = np.abs(rows["pressure"].sum(axis=(-2, -1), dtype=float) * area - rows["inside"] * rows["force"])
     return np.where(rows["force"] > 0, error / np.where(rows["force"] > 0, rows["force"], 1), error)
 
@@ -435,7 +464,7 @@ def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
 
     camera = pictures.camera
     rays = camera.rays().reshape(-1, 3)
-    mesh = RayMesh(Geometry(np.asarray(item.mesh.vertices), np.asarray(item.mesh.faces)))
+    mesh = RayMesh(item.mesh)
     face = mesh.first_face(np.broadcast_to(camera.position, rays.shape), rays)
     hit = face >= 0
     normal, corner = mesh.normals[face[hit]], mesh.triangles[face[hit], 0]

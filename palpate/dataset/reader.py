@@ -17,7 +17,7 @@ from palpate.camera import Camera
 from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.configuration import nearest, not_among
 from palpate.dataset.arrays import JoinedArray
-from palpate.dataset.grasps import GraspDataset
+from palpate.dataset.grasps import GraspDataset, PressDataset
 from palpate.dataset.run import Run, shaded
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
@@ -162,6 +162,12 @@ class Dataset(Sequence):
         chosen = self if split is None else self.split(split)
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
+    def presses(self, split: str | None = None, arrays: Iterable[str] | None = None) -> PressDataset:
+        """All presses as a map-style dataset of dictionaries, as `grasps`. Raises StoreError, with the command that
+        builds them, for a run without."""
+        chosen = self if split is None else self.split(split)
+        return PressDataset(self._run, chosen._entries.values(), self._required, arrays)
+
     def require_current(self, path: Path) -> None:
         """Raise StoreError if a file of the run is not as it was written, or was made from something else than the run
         has now."""
@@ -243,14 +249,14 @@ class Dataset(Sequence):
 class _Record:
     """Attributes that are the row of one object, or of one of its grasps, in the contract's arrays."""
 
-    of_grasps = of_frames = False
+    of_grasps = of_frames = of_presses = False
     index: tuple[int | slice, ...]  # within the object's row
     stage_of: dict[str, str] = {}  # by the names of the arrays
 
     def __init_subclass__(cls) -> None:
         """Gives the class a property, with its shape, type and unit in `help()`, for each array of its rows."""
-        leading = 2 if cls.of_grasps else 1
-        arrays = arrays_by_name(cls.of_grasps, cls.of_frames)
+        leading = 2 if cls.of_grasps or cls.of_presses else 1
+        arrays = arrays_by_name(cls.of_grasps, cls.of_frames, cls.of_presses)
         cls.stage_of = {name: stage for name, (stage, _) in arrays.items()}
         for name, (stage, spec) in arrays.items():
             if name not in vars(cls):
@@ -277,7 +283,8 @@ class _Record:
     @cached_property
     def sensor(self) -> Sensor:
         """The kind of touch sensor that its depths and readings are of."""
-        return self._run.store("frames" if self.of_frames else "touch", self._entry.batch).sensor
+        stage = "frames" if self.of_frames else "press" if self.of_presses else "touch"
+        return self._run.store(stage, self._entry.batch).sensor
 
     @cached_property
     def cameras(self) -> int:
@@ -346,6 +353,13 @@ class ObjectRecord(_Record):
         """Its grasps; their number is that of the first stage that has grasps."""
         numbers = range(self._run.grasps(self._entry))
         return [GraspRecord(self._run, self._entry, number, camera=self.camera_number) for number in numbers]
+
+    @cached_property
+    def presses(self) -> list["PressRecord"]:
+        """Its presses, if the run's config has `press.count`."""
+        self._run.row("press", self._entry)
+        count = self._run.store("press", self.batch).header("force")[0][1]
+        return [PressRecord(self._run, self._entry, number) for number in range(count)]
 
     def __repr__(self) -> str:
         return f"ObjectRecord({self.name!r}, class {self.class_name}, {self.split}, {self.batch})"
@@ -438,3 +452,38 @@ class FramesRecord(_Record):
 
     def __repr__(self) -> str:
         return f"FramesRecord({self._entry.object!r}, {self._grasp[0]})"
+
+
+class PressRecord(_Record):
+    """One press of a sensor onto the object, without a hand: every array of the contract with one row a press.
+
+    `reading`, `indentation` and others have a row for each of the forces in `force`. Shapes are in the symbols of
+    docs/dataset.md.
+    """
+
+    of_presses = True
+
+    @property
+    def number(self) -> int:
+        """Its number among the object's presses, from 0."""
+        return self._grasp[0]
+
+    @property
+    def object(self) -> ObjectRecord:
+        """The object that is pressed."""
+        return ObjectRecord(self._run, self._entry)
+
+    @property
+    def empty_reading(self) -> np.ndarray:
+        """(r, c, 3) uint8 reading of the untouched gel."""
+        return self._run.store("press", self._entry.batch).empty_reading
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(n, 3) float32, m. The surface points before the sensor's image, of the finite pixels of `depth`; world."""
+        from palpate.touch import local_points
+
+        return local_points(self.depth, self.position, self.rotation, self.sensor)
+
+    def __repr__(self) -> str:
+        return f"PressRecord({self._entry.object!r}, {self.number})"

@@ -9,10 +9,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 from tqdm import tqdm
 
 from palpate import seal
@@ -31,6 +30,9 @@ from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError, check_headers
 from palpate.text_files import read_rows
 from palpate.touch import empty_reading, shade_pressed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NAMED = 5  # how many failures a row names
 # What jobs write into a run's folder, file by file.
@@ -122,9 +124,10 @@ class _Batch:
 
     def sensor(self) -> Sensor:
         """The sensor that the touch store states; the default, with a finding, if it states none."""
-        with self.reading("touch"):
-            if "touch" in self.stores:
-                return self.stores["touch"].sensor
+        for stage in ("touch", "press"):
+            with self.reading(stage):
+                if stage in self.stores:
+                    return self.stores[stage].sensor
         return DIGIT
 
     def check_objects(self, stage: str) -> None:
@@ -143,13 +146,13 @@ class _Batch:
 
     def check_empty_reading(self, sensor: Sensor) -> None:
         """The stored empty reading equals that of the sensor."""
-        if not self.objects.get("touch"):  # whether a store without objects is of pressed gels, it does not say
-            return
-        with self.reading("touch"):
-            stored, pressed = self.stores["touch"].empty_reading.astype(int), "indentation" in self.arrays["touch"]
-            expected = shade_pressed(np.zeros(sensor.resolution), sensor) if pressed else empty_reading(sensor)
-            same = stored.shape == expected.shape
-            self.add("empty reading", "touch", np.abs(stored - expected).max() if same else np.inf)
+        # Whether a store without objects is of pressed gels, it does not say.
+        for stage in [name for name in ("touch", "press") if self.objects.get(name)]:
+            with self.reading(stage):
+                stored, pressed = self.stores[stage].empty_reading.astype(int), "indentation" in self.arrays[stage]
+                expected = shade_pressed(np.zeros(sensor.resolution), sensor) if pressed else empty_reading(sensor)
+                same = stored.shape == expected.shape
+                self.add("empty reading", stage, np.abs(stored - expected).max() if same else np.inf)
 
     def rows(self, stage: str, name: str) -> dict[str, np.ndarray]:
         """The object's row of every array of the store."""
@@ -180,17 +183,18 @@ class _Batch:
             values = np.asarray(values, dtype=float)
             values = np.where(np.isnan(values), np.inf, values)
             worst = values.max(initial=0)
-            self.add(check, store, worst, name, self.first(values == worst) if worst > 0 else "")
+            self.add(check, store, worst, name, self.first(values == worst, store) if worst > 0 else "")
 
-    def first(self, wrong: np.ndarray) -> str:
+    def first(self, wrong: np.ndarray, store: str) -> str:
         """Where the first wrong value is: "grasp 2, sensor thumb"; nothing if there is none, or no axis.
 
-        wrong: bool, one value, or one a grasp, or one a grasp and sensor.
+        wrong: bool, one value, or one a grasp or press, or one a grasp and sensor.
         """
         if not wrong.ndim or not wrong.any():
             return ""
-        grasp, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
-        return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
+        number, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
+        unit = "press" if store == "press" else "grasp"
+        return ", ".join([f"{unit} {number}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
 def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, others: bool = True) -> list[Finding]:
@@ -346,7 +350,8 @@ def validate(
     table = combine_validation(findings, run, sources, outputs(run))
     checked = f"{len(table)} checks, {len({finding.object for finding in findings if finding.object})} objects"
     took = f"in {time.perf_counter() - start:.1f} s (values of {anew} of {len(batches)} batches anew)"
-    if anew and (unchecked := [check for check in checks.ENGINES if not checks.can_check(check)]):
+    relevant = [check for check in checks.ENGINES if check != "outside" or "press" in Run(run).asked_stores]
+    if anew and (unchecked := [check for check in relevant if not checks.can_check(check)]):
         took += f"; not checked: {', '.join(unchecked)}: pip install 'palpate[factory]' brings the engines for that"
     failed = table[~table.passed]
     if len(failed):
@@ -363,7 +368,7 @@ def combine_validation(
     run: Path | str,
     sources: Path | str | None = None,
     files: Iterable[Path] | None = None,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """One row a check, store and batch, after the checks that need the whole run.
 
     findings: of all batches. run: its folder, with catalogue and rejections. sources: the folder of the source files,
@@ -372,6 +377,8 @@ def combine_validation(
     Columns: check, store, batch, objects (how many were checked; 0 for a check of a whole store), worst,
     limit, passed, where (what failed: object, grasp, sensor).
     """
+    import pandas as pd
+
     run = Path(run)
     catalogue = read_catalogue(run / "catalogue.csv")
     twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)

@@ -37,8 +37,8 @@ LAYOUTS = {
     "zarr": ("application/vnd.zarr", "*.zarr/{}/**", ""),
 }
 # Columns of the tables that are not text, and those that tell rows apart.
-NUMBERS = ("sample", "grasp")
-KEYS = {"objects.csv": "object", "grasps.csv": "sample"}
+NUMBERS = ("sample", "grasp", "press")
+KEYS = {"objects.csv": "object", "grasps.csv": "sample", "presses.csv": "sample"}
 
 
 def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
@@ -78,8 +78,8 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
     """
     grasps, example, files, sets = contents.grasps, contents.example, [], []
     encoding, pattern, image_type = LAYOUTS[contents.layout.name]
-    columns = [_field("grasps", name, "sc:Text", "metadata-files", column=name) for name in TEXT]
-    columns.append(_field("grasps", "grasp", "cr:Int64", "metadata-files", column="grasp"))
+    columns = [_field(grasps.units, name, "sc:Text", "metadata-files", column=name) for name in TEXT]
+    columns.append(_field(grasps.units, grasps.unit, "cr:Int64", "metadata-files", column=grasps.unit))
     for name, (_, spec) in grasps.sources.items():
         kind, shape, images = example[name].dtype.name, example[name].shape, pictures(grasps, name, example[name])
         data_type = "sc:Boolean" if kind == "bool" else f"cr:{kind.title().replace('Ui', 'UI')}"
@@ -89,7 +89,7 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
         array["description"] = f"{spec.meaning}{spec.unit and f' ({spec.unit})'}"
         if not pattern:
             (column,) = contents.layout.names(name, [*images])
-            columns.append(_field("grasps", column, data_type, "metadata-files", column=column) | array)
+            columns.append(_field(grasps.units, column, data_type, "metadata-files", column=column) | array)
             continue
         files.append(_set(name, "image/png" if data_type == image_type else encoding, pattern.format(name), archives))
         fields = [_field(name, name, data_type, f"{name}-files", fileProperty="content") | array]
@@ -97,7 +97,7 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
             fields.append(_field(name, "sample", "sc:Integer", f"{name}-files", fileProperty="filename"))
             fields[-1]["source"]["transform"] = {"regex": r"^(\d+)\..*$"}
         sets.append(_records(name, fields))
-    return files, sets or [_records("grasps", columns, "object", "grasp")]
+    return files, sets or [_records(grasps.units, columns, "object", grasps.unit)]
 
 
 def _table(path: Path, key: str) -> dict[str, Any]:

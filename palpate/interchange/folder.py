@@ -22,7 +22,7 @@ from palpate.hand import Hand
 from palpate.interchange import parquet, webdataset, zarr_groups
 from palpate.interchange.card import spdx, write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import CARD, Contents, grasps_by_split, png
+from palpate.interchange.items import CARD, Contents, png, samples_by_split
 from palpate.mesh import mesh_file
 from palpate.store.contract import CONTRACT, FRAMES, UNITS
 from palpate.store.files import StoreError
@@ -49,21 +49,22 @@ def export(
     arrays: Iterable[str] | None = None,
     licence: str = "unknown",
     source: str = "",
+    samples: str = "grasps",
 ) -> int:
     """Write the grasps of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
     number.
 
     folder: a new one, or an empty one. arrays: as for `Dataset.grasps`; without, all of the stages that the run should
-    have. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. Raises FileExistsError for
-    a folder that holds anything; StoreError without objects, for a store that is missing, or for batches with different
-    hands or sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what writing the
-    samples raises.
+    have. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. samples: `grasps`, or
+    `presses`. Raises FileExistsError for a folder that holds anything; StoreError without objects, for a store that is
+    missing, or for batches with different hands or sensors; KeyError for an unknown array; DamagedFile for a missing or
+    changed mesh; and what writing the samples raises.
     """
     folder = Path(folder)
     _require_new(folder)
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
-    splits = grasps_by_split(dataset, arrays)
+    splits = samples_by_split(dataset, arrays, samples)
     contents = Contents(dataset, splits, FORMATS[layout], spdx(licence), source)
     if (report := dataset.folder / "reports/validation.csv").exists():
         dataset.require_current(report)
@@ -72,7 +73,7 @@ def export(
     inputs.append(dataset.folder / "catalogue.csv")
     with atomic_write(folder) as partial:
         partial.mkdir()
-        _write_descriptions(partial, dataset)
+        _write_descriptions(partial, dataset, samples)
         contents.layout.write(partial, splits)
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
@@ -122,7 +123,7 @@ def _copy_figures(folder: Path, dataset: Dataset) -> None:
         shutil.copyfile(figure, folder / "figures" / figure.name)
 
 
-def _write_descriptions(folder: Path, dataset: Dataset) -> None:
+def _write_descriptions(folder: Path, dataset: Dataset, samples: str) -> None:
     """Write hand, sensor, untouched reading and cameras, of the stages that there are. Raises StoreError if batches
     have different hands or sensors."""
     stages, records = dataset.stages, [*{record.batch: record for record in dataset}.values()]
@@ -133,7 +134,9 @@ def _write_descriptions(folder: Path, dataset: Dataset) -> None:
             raise StoreError(f"{grasps} have different {different[0]}s: build the run from one config")
     for name, text in first.items():
         (folder / f"{name}.json").write_text(text, encoding="utf-8")
-    if "touch" in stages:
+    if samples == "presses":
+        (folder / "empty_reading.png").write_bytes(png(dataset[0].presses[0].empty_reading))
+    elif "touch" in stages:
         (folder / "empty_reading.png").write_bytes(png(dataset.empty_reading))
     if "vision" in stages:
         about = {name: CONTRACT["vision"].arrays[name].meaning for name in ("intrinsics", "extrinsics")}

@@ -55,12 +55,16 @@ class Contents(NamedTuple):
         return {name: self.layout.names(name, [*pictures(grasps, name, example[name])]) for name in grasps.arrays}
 
 
-def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:
-    """The grasps of each split that has objects. Raises what `Dataset.grasps` raises."""
+def samples_by_split(
+    dataset: Dataset, arrays: Iterable[str] | None, samples: str = "grasps"
+) -> Mapping[str, GraspDataset]:
+    """The grasps or presses of each split that has objects. Raises what `Dataset.grasps` raises."""
+    filled = [split for split in SPLITS if split in {record.split for record in dataset}]
+    if samples == "presses":
+        return {split: dataset.presses(split, dataset.presses(arrays=arrays).arrays) for split in filled}
     camera = None if "vision" in dataset.stages and len(dataset) and dataset[0].cameras > 1 else 0
     whole = dataset.grasps(arrays=arrays, camera=camera)  # the same arrays in each split, an error without objects
-    filled = {record.split for record in dataset}
-    return {split: dataset.grasps(split, whole.arrays, camera) for split in SPLITS if split in filled}
+    return {split: dataset.grasps(split, whole.arrays, camera) for split in filled}
 
 
 def versions(dataset: Dataset) -> dict[str, str]:
@@ -73,7 +77,7 @@ def versions(dataset: Dataset) -> dict[str, str]:
 
 def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict[str, Any]]:
     """The items of a split; the terminal has a bar."""
-    return iter(tqdm(grasps, desc=split, unit="grasp", disable=not sys.stderr.isatty()))
+    return iter(tqdm(grasps, desc=split, unit=grasps.unit, disable=not sys.stderr.isatty()))
 
 
 def pictures(grasps: GraspDataset, name: str, values: np.ndarray) -> dict[str, np.ndarray]:

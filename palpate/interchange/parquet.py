@@ -58,11 +58,11 @@ def _names(name: str, images: list[str]) -> list[str]:
 
 def _row(item: dict[str, Any], grasps: GraspDataset) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """A grasp's values by column, and its images by path."""
-    row = {name: item[name] for name in (*TEXT, "grasp")}
+    row = {name: item[name] for name in (*TEXT, grasps.unit)}
     images: dict[str, np.ndarray] = {}
     for name in grasps.arrays:
         own = pictures(grasps, name, item[name])
-        files = {f"{item['object']}/{item['grasp']}/{key}.png": image for key, image in own.items()}
+        files = {f"{item['object']}/{item[grasps.unit]}/{key}.png": image for key, image in own.items()}
         (column,) = _names(name, [*own])
         row[column] = [*files] if column.endswith("_file_names") else next(iter(files), item[name])
         images |= files

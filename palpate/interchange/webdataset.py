@@ -25,9 +25,9 @@ SHARD_BYTES = 500_000_000  # of a tar file, after which the next one begins
 def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
     """Write the grasps of each split: images as `.png` (several of an array are numbered), other arrays as `.npy`."""
     samples = itertools.count()
-    with (folder / "grasps.csv").open("w", encoding="utf-8", newline="") as file:
+    with (folder / f"{next(iter(splits.values())).units}.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(["split", "sample", "object", "class", "grasp"])
+        table.writerow(["split", "sample", "object", "class", next(iter(splits.values())).unit])
         for split, grasps in splits.items():
             shards, written = itertools.count(), SHARD_BYTES
             with ExitStack() as shard:
@@ -43,12 +43,12 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                         entry.size = len(content)
                         tar.addfile(entry, io.BytesIO(content))
                         written += len(content)
-                    table.writerow([split, f"{sample:08d}", item["object"], item["class"], item["grasp"]])
+                    table.writerow([split, f"{sample:08d}", item["object"], item["class"], item[grasps.unit]])
 
 
 def _entries(item: dict[str, Any], grasps: GraspDataset) -> Iterable[tuple[str, bytes]]:
     """Name and content of each file of a sample."""
-    yield "json", json.dumps({name: item[name] for name in (*TEXT, "grasp")}, ensure_ascii=False).encode()
+    yield "json", json.dumps({name: item[name] for name in (*TEXT, grasps.unit)}, ensure_ascii=False).encode()
     for name in grasps.arrays:
         images = pictures(grasps, name, item[name])
         if not images:

@@ -6,9 +6,9 @@ any difference.
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import torch
 from torch import Tensor, nn
@@ -38,6 +38,7 @@ log = logging.getLogger(__name__)
 
 WARM_UP = 0.1  # share of the steps in which the schedule one_cycle rises to the highest rate
 FIRST, LAST = 0.04, 1e-4  # of the highest rate: where it begins and ends
+KEPT_STARTS = 4096  # samples whose starts are kept: 90 MB
 VALIDATION_SEED = 1  # the same points in every validation of every model, so that their losses compare
 
 
@@ -201,6 +202,7 @@ class ReconstructionLearner(Learner):
         super().begin(rank, processes)
         self.assemble = Assembler(self.data, self.experiment, self.device)
         self.truth = Truth(torch.from_numpy(self.data["points"]).to(self.device))
+        self.starts: dict[tuple[Sample, ...], Tensor] = {}
 
     def training_batch(self, step: int) -> list[Sample]:
         """Objects with some of their grasps and an image: `training_samples`."""
@@ -219,6 +221,7 @@ class ReconstructionLearner(Learner):
         model, batch = self.model, self.assemble(batch_samples)
         if self.experiment.plan.start == "templates":  # an object is no template of its own
             batch["excluded"] = torch.tensor([self.template.get(sample.object, -1) for sample in batch_samples])
+            batch["start"] = self._start(batch_samples, batch)
         predictions = [model(batch)] if validation else model.stages(batch)
         for prediction in predictions:
             self.check_finite("the prediction", prediction, batch_samples)
@@ -228,6 +231,22 @@ class ReconstructionLearner(Learner):
             if validation:
                 return cloud_loss(model.sample(predictions[-1].float(), points, generator), target)
             return model.loss(predictions, target)
+
+    def _start(self, batch_samples: Sequence[Sample], batch: Mapping[str, Tensor]) -> Tensor:
+        """The start (1824, B, 3) m of samples and their batch, which has no weights in it: once of the same inputs."""
+        shown = int(self.experiment.vision == "occluded")  # grasps whose images are inputs
+        inputs = tuple(
+            sample._replace(
+                grasps=sample.grasps if sample.touched is None else sample.grasps[: sample.touched or shown]
+            )
+            for sample in batch_samples
+        )
+        if inputs in self.starts:
+            return self.starts[inputs]
+        start = cast(Reconstruction, self.model).start_of(batch)
+        if len(self.starts) * len(inputs) < KEPT_STARTS:
+            self.starts[inputs] = start
+        return start
 
     def described(self) -> dict[str, Any]:
         """The experiment, its architecture and data, and what images and touches are taken to be."""

@@ -160,6 +160,7 @@ class Reconstruction(nn.Module):
         | `reading` | (B, T, 3, r, c) in [0, 1] | touch, `sphere` |
         | `mask`, `hand` | (B, S, S) bool, the object and, where occluded, the hand | vision, `template` |
         | `camera_number` | (B,) int64 | vision, `template` |
+        | `start` | (1824, B, 3), what `start_of` gives, if it is known | `template` |
 
         Raises ValueError if a key is missing, of another shape or type.
         """
@@ -182,7 +183,7 @@ class Reconstruction(nn.Module):
         fixed (V, B, 1), or None if all move."""
         positions = self.start[:, None].expand(-1, samples, -1)
         if self.templates is not None:
-            positions = self.templates(batch)
+            positions = batch["start"] if "start" in batch else self.start_of(batch)
         if self.touch_input != "graph":
             return positions, None, None
         charts, success = self._touch_charts(batch)
@@ -193,6 +194,12 @@ class Reconstruction(nn.Module):
             stays = torch.ones_like(success) if self.architecture.failed_charts == "fixed" else success
             fixed = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
         return torch.cat([positions, charts]), mask, fixed
+
+    def start_of(self, batch: Batch) -> Tensor:
+        """What the templates give for a batch: vertices (1824, B, 3) m. Raises ValueError for a model without."""
+        if self.templates is None:
+            raise ValueError(f"strategy {self.experiment.strategy} has no templates to begin with")
+        return self.templates(batch)
 
     def deform(self, batch: Batch, positions: Tensor, mask: Tensor | None, fixed: Tensor | None) -> Tensor:
         """Vertices (V, B, 3) after all deformations, from what `_initial` gives."""

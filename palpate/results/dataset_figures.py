@@ -151,7 +151,7 @@ def rendered(grasp: GraspRecord, link_pose: np.ndarray, size: int, samples: int,
 
     All are from one camera, which looks from where most of the hand in its last pose is in sight, and holds every pose.
     """
-    hand, renderer = grasp.object.hand, vision.Renderer(samples, threads=threads)
+    hand, renderer = grasp.object.hand, vision.Renderer(samples, threads=threads, centres=False)
     drawn = [hand_points(hand, pose) for pose in link_pose]
     points, towards = np.concatenate([grasp.object.points, *drawn]), clear_view(grasp.object, drawn[-1])
     scene = Scene(grasp.object.mesh, hand, link_pose, camera=camera_holding(points, towards, size))

@@ -62,6 +62,11 @@ class ArraySpec:
         return self.shape[:2] == ("o", "g")
 
     @property
+    def of_presses(self) -> bool:
+        """Whether the first two axes count the objects and the presses of each."""
+        return self.shape[:2] == ("o", "t")
+
+    @property
     def of_frames(self) -> bool:
         """Whether its third axis counts the frames of a grasp, or those of them that have images."""
         return self.shape[2:3] in (("f",), ("h",))
@@ -135,15 +140,18 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
 CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.items() if stage.suffix}
 
 
-def arrays_by_name(of_grasps: bool, of_frames: bool = False) -> dict[str, tuple[str, ArraySpec]]:
-    """Stage and contract of the arrays with a row a frame, a grasp, or an object only, but for `object`.
+def arrays_by_name(
+    of_grasps: bool, of_frames: bool = False, of_presses: bool = False
+) -> dict[str, tuple[str, ArraySpec]]:
+    """Stage and contract of the arrays with a row a frame, a grasp, a press, or an object only, but for `object`.
 
     Raises ValueError if two of them have one name: they are attributes of one record.
     """
     named: dict[str, tuple[str, ArraySpec]] = {}
+    kind = (of_grasps, of_frames, of_presses)
     specs = [(stage, spec) for stage, store in CONTRACT.items() for spec in store.arrays.values()]
     for stage, spec in specs:
-        if spec.of_objects and (spec.of_grasps, spec.of_frames) == (of_grasps, of_frames) and spec.name != "object":
+        if spec.of_objects and (spec.of_grasps, spec.of_frames, spec.of_presses) == kind and spec.name != "object":
             other, _ = named.setdefault(spec.name, (stage, spec))
             if other != stage:
                 raise ValueError(f"contract.csv: {other} and {stage} both have an array {spec.name!r}: rename one")

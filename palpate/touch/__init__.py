@@ -11,6 +11,7 @@ EXPORTS = {
         *("LARGEST_STRAIN", "PressedReading", "face_sensor", "press_scene", "press_sensor", "press_sensors"),
         "shade_pressed",
     ],
+    "presses": ["press_object"],
     "rays": ["RayCaster"],
     "reading": ["TouchReading", "scene_tracer", "sense", "sense_scene"],
     "sensor": ["PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "local_points"],

@@ -9,11 +9,11 @@ import numpy as np
 from palpate.mesh import load_geometry
 from palpate.sensor import Sensor
 from palpate.touch.gel import Layer, press
-from palpate.touch.rays import RayCaster
 from palpate.touch.shading import shade_impression
 
 if TYPE_CHECKING:
     from palpate.scene import Scene
+    from palpate.touch.rays import RayCaster
 
 LARGEST_STRAIN = 0.4  # of the thickness: what linear theory gives beyond it is said to be doubtful (docs/gel.md)
 MARKER_RADIUS = 2.5e-4  # m, chosen: dots of 0.5 mm, some 1 to 2 mm apart, are what marked gels have
@@ -82,7 +82,7 @@ def press_sensor(
 
 
 def press_sensors(
-    tracer: RayCaster, sensor: Sensor, position: np.ndarray, rotation: np.ndarray, force: np.ndarray
+    tracer: "RayCaster", sensor: Sensor, position: np.ndarray, rotation: np.ndarray, force: np.ndarray
 ) -> PressedReading:
     """Sensors at poses (..., 3) and (..., 3, 3), each pressed with its force (...), N; arrays with these leading axes.
 
@@ -105,6 +105,8 @@ def press_scene(scene: "Scene", sensor: Sensor, force: np.ndarray) -> dict[str, 
     """The sensors of a scene's grasps, each pressed with its force (g, s), N: arrays (g, s, ...) by their names in the
     touch store. Raises ConfigError as `press_sensor`.
     """
+    from palpate.touch.rays import RayCaster  # here: what shades a face again needs no embree
+
     tracer = RayCaster(load_geometry(scene.object_folder), scene.object_position, face_sensor(sensor))
     arrays = press_sensors(tracer, sensor, scene.sensor_position, scene.sensor_rotation, force)._asdict()
     del arrays["strain"]

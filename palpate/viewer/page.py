@@ -13,12 +13,14 @@ from markupsafe import Markup
 from palpate.atomic import atomic_write
 from palpate.camera import Camera
 from palpate.dataset import GraspRecord, ObjectRecord
+from palpate.dataset.reader import PressRecord
 from palpate.mesh import OBJECT_POSITION
 from palpate.touch import empty_reading
 from palpate.viewer.html import data_uri, render, resource
 from palpate.viewer.scene import FORCE_LENGTH, Y_UP, cameras, force_arrows, record_scene, sensor_colour
 
-READING = 100  # pixels of a reading of a frame, at most
+READING = 100  # pixels of a reading of a frame or a press, at most
+PRESSES = 20  # of an object, at most
 LABELS = {"object": "object", "hand": "hand", "gel": "readings on the sensors", "cloud": "touch clouds"}
 LABELS |= {"force": f"contact forces on the object (1 N is {1e3 * FORCE_LENGTH:g} mm)"}
 LABELS |= {"prediction": "prediction", "camera": "cameras"}
@@ -39,11 +41,13 @@ def object_page(
     """
     path = Path(path)
     shown = _grasps(record, grasps)
-    glb = record_scene(record, shown, predictions).export(file_type="glb")
+    pressed = record.presses[:PRESSES] if "press" in record.stages else []
+    glb = record_scene(record, shown, predictions, pressed).export(file_type="glb")
     scene_file = path.with_suffix(".glb")
     frames = {grasp.number: _frames(grasp) for grasp in shown if "frames" in grasp.stages}
     viewpoints = [_viewpoint(camera) for camera in cameras(record)]
     data = {"glb": base64.b64encode(glb).decode(), "cameras": viewpoints, "frames": frames}
+    data["presses"] = {press.number: _press(press) for press in pressed}
     with_forces = any(name.startswith("force ") for closing in frames.values() for name in closing["poses"])
     missing = {"prediction": not predictions, "force": not with_forces}
     labels = {kind: label for kind, label in LABELS.items() if not missing.get(kind)}
@@ -59,6 +63,8 @@ def object_page(
         cameras=len(viewpoints),
         grasps=[_grasp(grasp) for grasp in shown],
         frames=max((len(closing["time"]) for closing in frames.values()), default=0),
+        presses=[press.number for press in pressed],
+        forces=max((len(press.force) for press in pressed), default=0),
         images=_images(record, "unoccluded"),
         data=Markup(json.dumps(data).replace("<", "\\u003c")),
         style=resource("viewer.css"),
@@ -124,6 +130,18 @@ def _frames(grasp: GraspRecord) -> dict[str, Any]:
             readings[*place] = data_uri(frames.reading[*place], READING)
         closing |= {"readings": readings.tolist(), "empty": data_uri(empty_reading(frames.sensor), READING)}
     return closing
+
+
+def _press(press: PressRecord) -> dict[str, Any]:
+    """A press as the page takes it: at each force the sensor's pose, as a row of a 3 x 4 matrix, its reading, and a
+    line about it."""
+    position = press.position + press.approach[:, None] * press.rotation[:, 0]
+    poses = [np.column_stack([press.rotation, place]).ravel().round(6).tolist() for place in position]
+    lines = [
+        f"{force:g} N, {1e3 * depth:.2f} mm deep, {100 * inside:.0f} % of the force within the image"
+        for force, depth, inside in zip(press.force, press.approach, press.inside, strict=True)
+    ]
+    return {"poses": poses, "readings": [data_uri(reading, READING) for reading in press.reading], "lines": lines}
 
 
 def _images(record: ObjectRecord | GraspRecord, name: str) -> list[str]:

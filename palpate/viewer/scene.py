@@ -1,7 +1,7 @@
 """One object and its grasps as a scene of named nodes, for GLB: object, hand, sensors, clouds, predictions, cameras.
 
-A node is named `<group> <kind> <name>`. Its group is `object`, or `grasp-<number>`; its kind is `object`, `hand`,
-`gel`, `force`, `cloud`, `prediction` or `camera`.
+A node is named `<group> <kind> <name>`. Its group is `object`, `grasp-<number>` or `press-<number>`; its kind is
+`object`, `hand`, `gel`, `force`, `cloud`, `prediction` or `camera`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from trimesh.visual.material import PBRMaterial
 
 from palpate.camera import Camera
 from palpate.dataset import GraspRecord, ObjectRecord
-from palpate.dataset.reader import FramesRecord
+from palpate.dataset.reader import FramesRecord, PressRecord
 from palpate.mesh import OBJECT_POSITION, mesh_file
 from palpate.sensor import Size
 from palpate.vision.image import linear
@@ -40,9 +40,12 @@ def sensor_colour(sensor: int) -> str:
 
 
 def record_scene(
-    record: ObjectRecord, grasps: Sequence[GraspRecord] = (), predictions: Mapping[int, trimesh.Trimesh] | None = None
+    record: ObjectRecord,
+    grasps: Sequence[GraspRecord] = (),
+    predictions: Mapping[int, trimesh.Trimesh] | None = None,
+    presses: Sequence[PressRecord] = (),
 ) -> trimesh.Scene:
-    """The scene of an object and some of its grasps; `.export(file_type="glb")` gives the bytes of a file.
+    """The scene of an object and some of its grasps and presses; `.export(file_type="glb")` gives the bytes of a file.
 
     Nodes are in the world frame, metres, below a root that turns z up into glTF's y up. What the run does not have
     (meshes, hand, touches) is left out; without meshes the object is its surface points. predictions: meshes in the
@@ -53,6 +56,10 @@ def record_scene(
     _add_object(scene, record)
     for camera in cameras(record):
         _add(scene, "object camera", _frustum(camera))
+    for press in presses:  # with its last force
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = press.rotation, press.position + press.approach[-1] * press.rotation[:, 0]
+        _add(scene, f"press-{press.number} gel sensor", _gel(press.reading[-1], press.sensor.size), pose)
     for grasp in grasps:
         group = f"grasp-{grasp.number}"
         if "grasps" in grasp.stages:

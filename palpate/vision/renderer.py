@@ -73,14 +73,23 @@ class Renderer:
 
     samples: Cycles' samples a pixel for the colours. device: "cpu", "gpu", or "auto": a GPU if Cycles finds one.
     threads: of the CPU. exr: a folder that keeps every image as a multilayer EXR file with 32 bit floats, or None.
+    centres: whether mask and depth are rendered at the pixels' centres; else they are those of Cycles' first sample,
+    which figures, that show colours, do as well with.
     Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed. The
     steps of a picture are methods, for `studies/omitted` to replace.
     """
 
     _alive: weakref.ref["Renderer"] | None = None
 
-    def __init__(self, samples: int = SAMPLES, device: str = "auto", threads: int = 1, exr: Path | str | None = None):
-        self.samples = samples
+    def __init__(
+        self,
+        samples: int = SAMPLES,
+        device: str = "auto",
+        threads: int = 1,
+        exr: Path | str | None = None,
+        centres: bool = True,
+    ):
+        self.samples, self.centres = samples, centres
         self.cycles: Mapping[str, Any] = {}
         self.exr = None if exr is None else Path(exr)
         if self.exr is not None:
@@ -295,7 +304,7 @@ class Renderer:
         nearest = np.min(camera.project(points)[1])
         self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)
         colour = self.render_layers(self.samples, PIXEL_FILTER)
-        point = self.render_centres()
+        point = self.render_centres() if self.centres else colour
         layers = Layers(colour.combined, point.depth, point.object_index)
         if master is not None and self.exr is not None:
             write_layers(self.exr / f"{master}.exr", layers)

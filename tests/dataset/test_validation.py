@@ -24,7 +24,7 @@ from palpate.dataset.validation import (
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
 from tests.dataset import test_forces
-from tests.store.conftest import add_frames
+from tests.store.conftest import add_frames, add_presses
 
 BATCH, OBJECT = "batch-0001", "ball-0002"  # one object, two grasps
 PAIR = "batch-0000"  # two objects
@@ -108,6 +108,16 @@ def framed(damage):
         damage(run)
 
     return damage_frames
+
+
+def with_presses(damage):
+    """A damage to a run that is first given presses."""
+
+    def damage_presses(run):
+        add_presses(run)
+        damage(run)
+
+    return damage_presses
 
 
 def no_touch(arrays):
@@ -226,7 +236,7 @@ def again(split):
 
 NAN, INF = np.nan, np.inf
 PICTURE = ("unoccluded_mask", "unoccluded_depth")
-OF_FORCES = {check for *_, check in test_forces.DAMAGES} - {"finite"} | {"pressed"}  # caught there, and in test_pressed
+OF_FORCES = {check for *_, check in test_forces.DAMAGES} - {"finite"}  # caught there
 DAMAGES = {
     "made from": [("vision", made_with(lambda had: had | {"made_from": {"inputs": {f"grasps/{BATCH}.h5": "0" * 64}}}))],
     "readable": [
@@ -264,10 +274,15 @@ DAMAGES = {
     "rotation": [
         ("grasps", renewed("grasps", lambda pose: pose * [1, -1, 1, 1], "palm_pose")),
         ("grasps", put("grasps", "palm_pose", (0, 1, 3, 0), 1e-5)),
+        ("press", with_presses(add("press", "rotation", (0, 1, 2, 0), 1e-5))),
     ],
     "scale": [("meshes", scale_mesh(1.001)), ("meshes", scale_mesh(1, shift=1e-5)), ("meshes", keep_size(0.499))],
     "inside box": [("surface", put("surface", "points", (0, 7, 2), value)) for value in (0.9, NAN)],
-    "on mesh": [("surface", put("surface", "points", (0, 7), [0, 0, 0.6])), ("touch", edit("touch", move_points))],
+    "on mesh": [
+        ("surface", put("surface", "points", (0, 7), [0, 0, 0.6])),
+        ("touch", edit("touch", move_points)),
+        ("press", with_presses(add("press", "point", (0, 1), 1e-3))),
+    ],
     "joint limits": [("grasps", put("grasps", "joint_positions", (0, 1, 0), value)) for value in (0.53, NAN)],
     "kinematics": [
         ("grasps", add("grasps", "joint_positions", (0, 0, 5), 1e-3)),
@@ -291,6 +306,7 @@ DAMAGES = {
     ],
     "touch depth": [
         ("frames", framed(put("frames", "depth", (0, 0, 1, 0, 0, 0), 0.0251))),
+        ("press", with_presses(put("press", "depth", (0, 1, 3, 4), 0.0251))),
         ("touch", felt_pixel(0.0)),
         ("touch", felt_pixel(-0.001)),
         ("touch", felt_pixel(0.0251)),
@@ -311,9 +327,26 @@ DAMAGES = {
     "reading": [
         ("touch", touched("reading", lambda image: image.transpose(1, 0, 2))),
         ("touch", untouched("reading", lambda arrays: arrays["empty_reading"])),
+        ("press", with_presses(renewed("press", lambda images: images[:, :, :, ::-1], "reading"))),
     ],
-    "empty reading": [("touch", add("touch", "empty_reading", (5, 6, 1), 1))],
-    "finite": [("frames", framed(put("frames", "joint_velocities", (0, 1, 0, 2), NAN)))],
+    "pressed": [
+        ("press", with_presses(renewed("press", lambda pressure: pressure * 1.001, "pressure"))),
+        ("press", with_presses(put("press", "force", (0, 1, 2), 2.1))),
+        ("press", with_presses(put("press", "pressure", (0, 0, 0, 0, 0), -1e-3))),
+    ],
+    "press pose": [
+        ("press", with_presses(add("press", "point", (0, 1, 2), 1e-4))),
+        ("press", with_presses(renewed("press", lambda depth: depth - np.float32(1e-4), "depth"))),
+    ],
+    "outside": [("press", with_presses(put("press", "position", (0, 1), [0, 0, 0.6])))],
+    "empty reading": [
+        ("touch", add("touch", "empty_reading", (5, 6, 1), 1)),
+        ("press", with_presses(add("press", "empty_reading", (5, 6, 1), 1))),
+    ],
+    "finite": [
+        ("frames", framed(put("frames", "joint_velocities", (0, 1, 0, 2), NAN))),
+        ("press", with_presses(put("press", "approach", (0, 1, 2), NAN))),
+    ],
     "frame times": [("frames", framed(put("frames", "time", (0, 0, 1), value))) for value in (0.0, NAN)],
     "last frame": [
         ("frames", framed(add("frames", "joint_positions", (0, 1, 2, 3), 1e-12))),
@@ -371,6 +404,7 @@ def pair(built, tmp_path_factory):
 
 def test_a_good_run_passes_every_check(run, pair):
     add_frames(run)
+    add_presses(run)
     report = validate(run, pair)
     assert report.passed.all(), report[~report.passed].to_string()
     assert set(report.check) == set(CHECKS) - OF_FORCES

@@ -21,7 +21,7 @@ from palpate.store import CONTRACT, StoreError, join, read, write
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
 SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3}
-SIZES |= {"w": 5, "f": 3, "h": 2, "a": 3, "i": 3, "u": 2}
+SIZES |= {"w": 5, "f": 3, "h": 2, "a": 3, "i": 3, "u": 2, "t": 2, "e": 3}
 STAGES = tuple(CONTRACT)
 
 
@@ -92,6 +92,8 @@ def contents(draw):
         "a": 2,
         "i": 1,
         "u": 1,
+        "t": 2,
+        "e": 2,
     }
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
@@ -433,7 +435,7 @@ def test_an_index_out_of_range_is_not_blamed_on_the_file(tmp_path):
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_batch_without_objects_joins_and_is_written(tmp_path, stage):
     arrays = join(stage, {})
-    if stage == "touch":
+    if stage in ("touch", "press"):
         arrays["empty_reading"] = np.zeros((4, 4, 3), np.uint8)
     write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
     assert read(path_of(tmp_path, stage))["object"].shape == (0,)
