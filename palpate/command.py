@@ -221,8 +221,8 @@ COMMANDS = {
         },
         "--extends": {"metavar": "SENSOR", "help": "whose size, pixels and gel to take (default: gelsight_mini)"},
         "--circles": {
-            "type": Path, "metavar": "CSV", "help": "image, row, column, radius (pixels), depth, ball_radius, punch_radius (m)"
-            " (default: <folder>/circles.csv, else they are found)",
+            "type": Path, "metavar": "CSV",
+            "help": "columns of docs/calibrate.md (default: <folder>/circles.csv, else found)",
         },
         "--table": {"action": "store_true", "help": "fit a table of colours over normals, not lights"},
     }),

@@ -128,9 +128,12 @@ class Sensor:
 
     @property
     def colour_table(self) -> Mapping[str, Any] | None:
-        """Colours over normals instead of lights: `polynomial`, rows of red, green and blue, 1 for `diffuse` grey levels,
-        of the monomials of degree 1 to `normal` in the normal's y and z, times those of degree 0 to `place` in the
-        pixel's y and z (-1 to 1 over the image); `steepest`: length of (y, z) beyond which the colour stays. Or None."""
+        """Colours over normals that stand for the lights, or None.
+
+        `polynomial`: rows of red, green and blue, 1 for `diffuse` grey levels, of the monomials of degree 1 to `normal`
+        in the normal's y and z, times those of degree 0 to `place` in the pixel's y and z (-1 to 1 over the image).
+        `steepest`: length of the normal's (y, z) beyond which the colour stays.
+        """
         return self.lights if isinstance(self.lights, Mapping) and "polynomial" in self.lights else None
 
     @property

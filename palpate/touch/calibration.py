@@ -6,7 +6,7 @@ The stiffness of the gel is not fitted: at a stated depth the face's shape does 
 """
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,7 +31,7 @@ MOST = 4  # lights of a colour
 WORTH, LEAST = 0.05, 0.1  # share and grey levels by which one more has to lower the error
 MERGED = np.deg2rad(4)  # lights of several colours nearer than this are one
 NORMAL_DEGREE, PLACE_DEGREE = 5, 2  # of the table: place as Taxim's
-ROUNDS, RIDGE, SMALL_ERROR = 4, 1e-8, 2.0  # of a fit of least absolute errors; grey levels below which squares count
+ROUNDS, RIDGE, SMALL_ERROR = 4, 1e-6, 2.0  # of a fit of least absolute errors; grey levels below which squares count
 
 
 class Indentation(NamedTuple):
@@ -189,74 +189,70 @@ def press_indenter(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray
     return move, float(np.sqrt(np.count_nonzero(pressure) * sensor.pixel[0] * sensor.pixel[1] / np.pi))
 
 
-def calibrate(folder: Path, sensor: Sensor, ball_radius=None, circles: Path | None = None, table=False) -> Calibration:
+def calibrate(
+    folder: Path,
+    sensor: Sensor,
+    ball_radius: float | None = None,
+    circles: Path | None = None,
+    table: bool = False,
+    press: Callable[[Indentation, Sensor], tuple[np.ndarray, float]] = press_indenter,
+) -> Calibration:
     """Fit a sensor's light to every second image of a folder (`read_folder`), and measure on the others.
 
     sensor: its size, pixels and gel are kept; images are resized to its pixels. table: colours over normals rather than
-    lights. Raises `ConfigError` for a folder or a gel that is not as expected, ValueError for an impossible circle.
+    lights. press: another geometry of the face, to compare with. Raises `ConfigError` for a folder or a gel that is not
+    as expected, ValueError for an impossible circle.
     """
     sensor.require_material()
     untouched, indentations = read_folder(folder, ball_radius, circles)
     background = read_background(untouched, sensor.resolution)
-    real = np.stack([read_background(each.image, sensor.resolution) for each in indentations])
-    indentations = [_placed(each, image.astype(float) - background, sensor) for each, image in zip(indentations, real)]
-    pressed = []
-    for each in indentations:
+    real = np.stack([read_background(indentation.image, sensor.resolution) for indentation in indentations])
+    changes, placed, moves, windows = real.astype(float) - background, [], [], []
+    for indentation, change in zip(indentations, changes, strict=True):
+        with Image.open(indentation.image) as picture:
+            scale = sensor.resolution[0] / picture.height, sensor.resolution[1] / picture.width
+        scaled = _placed(_scaled(indentation, *scale), change, sensor)
+        placed.append(_scaled(scaled, 1 / scale[0], 1 / scale[1]))
         try:
-            pressed.append(press_indenter(_scaled(each, sensor), sensor))
+            move, radius = press(scaled, sensor)
         except ValueError as error:
-            raise ValueError(f"{each.image}: {error}") from None
-    windows = np.stack(
-        [_window(_scaled(each, sensor), radius, sensor) for each, (_, radius) in zip(indentations, pressed)]
-    )
-    fitted = np.arange(len(real)) % 2 == 0
-    free = normals(sensor.face_sag, sensor.pixel)
-    share = max(1, int(np.count_nonzero(windows[fitted]) / PIXELS))
-    samples = []
+            raise ValueError(f"{indentation.image}: {error}") from None
+        moves.append(move)
+        windows.append(_window(scaled, radius, sensor))
+    fitted, free, samples = np.arange(len(real)) % 2 == 0, normals(sensor.face_sag, sensor.pixel), []
+    share = 1 + np.count_nonzero(np.array(windows)[fitted]) // PIXELS
     for number in np.flatnonzero(fitted):
         rows, columns = (places[number % share :: share] for places in np.nonzero(windows[number]))
-        normal = normals(pressed[number][0] + sensor.face_sag, sensor.pixel)[rows, columns]
-        change = real[number, rows, columns].astype(float) - background[rows, columns]
-        samples.append((normal, free[rows, columns], np.stack([columns, rows], axis=1), change))
+        normal = normals(moves[number] + sensor.face_sag, sensor.pixel)[rows, columns]
+        place = np.stack([columns, rows], axis=1)
+        samples.append((normal, free[rows, columns], place, changes[number, rows, columns]))
     normal, flat, place, change = (np.concatenate(parts) for parts in zip(*samples, strict=True))
     lights = fit_table(normal, flat, place, change, sensor.resolution) if table else fit_lights(normal, flat, change)
     sensor = replace(sensor, lights=lights, diffuse=DIFFUSE, smoothing=None, background=background)
-    simulated = np.stack([shade_pressed(move, sensor) for move, _ in pressed])
-    wrong, still = (np.abs(real.astype(float) - images).mean(axis=3) for images in (simulated, background[None]))
-    means = [
-        [image[where].mean() for image, where in zip(*pair)]
-        for pair in ((wrong, windows), (still, windows), (still, ~windows))
-    ]
-    return Calibration(sensor, indentations, real, simulated, fitted, *map(np.array, means))
+    simulated = np.stack([shade_pressed(move, sensor) for move in moves])
+    error, still = (np.abs(images).mean(axis=3) for images in (real - simulated.astype(float), changes))
+    means = [(error[n][near].mean(), still[n][near].mean(), still[n][~near].mean()) for n, near in enumerate(windows)]
+    return Calibration(sensor, placed, real, simulated, fitted, *np.array(means).T)
 
 
-def _scale(indentation: Indentation, sensor: Sensor) -> tuple[float, float]:
-    """Pixels of the sensor in one of the image's, along the rows' and the columns' direction."""
-    with Image.open(indentation.image) as picture:
-        columns, rows = picture.size
-    return sensor.resolution[0] / rows, sensor.resolution[1] / columns
-
-
-def _scaled(indentation: Indentation, sensor: Sensor) -> Indentation:
-    """The same in the sensor's pixels."""
-    z, y = _scale(indentation, sensor)
-    radius = indentation.radius and indentation.radius * np.sqrt(z * y)
+def _scaled(indentation: Indentation, along_rows: float, along_columns: float) -> Indentation:
+    """The same in other pixels: so many times as many in the rows' and the columns' direction."""
+    row, column, radius = indentation[1:4]
     return indentation._replace(
-        row=(indentation.row + 0.5) * z - 0.5, column=(indentation.column + 0.5) * y - 0.5, radius=radius
+        row=None if row is None else (row + 0.5) * along_rows - 0.5,
+        column=None if column is None else (column + 0.5) * along_columns - 0.5,
+        radius=radius and radius * np.sqrt(along_rows * along_columns),
     )
 
 
 def _placed(indentation: Indentation, change: np.ndarray, sensor: Sensor) -> Indentation:
     """The same with the centre and, if nothing states the depth, the circle that the image shows."""
-    z, y = _scale(indentation, sensor)
     find = indentation.depth is None and indentation.radius is None
-    if not find and None not in indentation[1:3]:
-        return indentation
     ball = indentation.ball_radius / np.sqrt(sensor.pixel[0] * sensor.pixel[1]) if find else None
     row, column, radius = find_circle(change, ball)
     if None in indentation[1:3]:
-        indentation = indentation._replace(row=(row + 0.5) / z - 0.5, column=(column + 0.5) / y - 0.5)
-    return indentation._replace(radius=radius / np.sqrt(z * y)) if find else indentation
+        indentation = indentation._replace(row=row, column=column)
+    return indentation._replace(radius=radius) if find else indentation
 
 
 def _window(indentation: Indentation, radius: float, sensor: Sensor) -> np.ndarray:
@@ -267,7 +263,7 @@ def _window(indentation: Indentation, radius: float, sensor: Sensor) -> np.ndarr
 
 
 def fit_lights(normal: np.ndarray, free: np.ndarray, change: np.ndarray) -> list[dict[str, Any]]:
-    """Distant lights of which a change of grey levels (n, 3) comes, as faces with normals `free` (n, 3) become `normal`.
+    """Distant lights that explain a change of grey levels (n, 3), where normals `free` (n, 3) have become `normal`.
 
     Of each colour as many as lower the error. Lights of several colours in nearly one direction become one.
     """
@@ -275,20 +271,16 @@ def fit_lights(normal: np.ndarray, free: np.ndarray, change: np.ndarray) -> list
     lights: list[tuple[np.ndarray, np.ndarray]] = []  # sums of vectors, colours
     for light, channel in sorted(vectors, key=lambda pair: -np.linalg.norm(pair[0])):
         strength = np.linalg.norm(light)
-        same = [
-            i
-            for i, (other, _) in enumerate(lights)
-            if light @ other > np.cos(MERGED) * strength * np.linalg.norm(other)
-        ]
-        if not same:
+        cosines = [light @ total / (strength * np.linalg.norm(total)) for total, _ in lights]
+        if not lights or max(cosines) < np.cos(MERGED):
             lights.append((np.zeros(3), np.zeros(3)))
-        total, colour = lights[same[0] if same else -1]
+            cosines.append(1)
+        total, colour = lights[int(np.argmax(cosines))]
         total += light
         colour[channel] += strength / DIFFUSE
-    directions = [total / np.linalg.norm(total) for total, _ in lights]
     return [
-        {"direction": np.round(direction, 5).tolist(), "colour": np.round(colour, 5).tolist()}
-        for direction, (_, colour) in zip(directions, lights, strict=True)
+        {"direction": np.round(total / np.linalg.norm(total), 5).tolist(), "colour": np.round(colour, 5).tolist()}
+        for total, colour in lights
     ]
 
 
@@ -299,32 +291,27 @@ def _one_colour(normal: np.ndarray, free: np.ndarray, goal: np.ndarray) -> np.nd
     """
     from scipy.optimize import least_squares
 
+    def shading(lights: np.ndarray) -> np.ndarray:
+        return np.maximum(normal @ lights.T, 0) - np.maximum(free @ lights.T, 0)
+
     def wrong(lights: np.ndarray) -> np.ndarray:
-        lights = lights.reshape(-1, 3).T
-        return (np.maximum(normal @ lights, 0) - np.maximum(free @ lights, 0)).sum(axis=1) - goal
+        return shading(lights.reshape(-1, 3)).sum(axis=1) - goal
 
     def slope(lights: np.ndarray) -> np.ndarray:
         parts = [normal * (normal @ v > 0)[:, None] - free * (free @ v > 0)[:, None] for v in lights.reshape(-1, 3)]
         return np.concatenate(parts, axis=1)
 
     up, turn = (each.ravel() for each in np.meshgrid(np.deg2rad([10, 30, 50, 70]), np.arange(0, 2 * np.pi, np.pi / 12)))
-    starts = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)])
-    shading = np.maximum(normal @ starts, 0) - np.maximum(free @ starts, 0)
-    power = (shading**2).sum(axis=0) + 1e-9
+    starts = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], axis=1)
+    power = ((terms := shading(starts)) ** 2).sum(axis=0) + 1e-9
     lights, error = np.zeros((0, 3)), np.abs(goal).mean()
     while len(lights) < MOST:
-        strength = -shading.T @ wrong(lights) / power
-        best = np.argmax(np.maximum(strength, 0) ** 2 * power)
-        start = np.concatenate([lights, [starts[:, best] * max(strength[best], 1.0)]])
+        strength = np.maximum(-terms.T @ wrong(lights) / power, 1)
+        best = np.argmax(strength**2 * power)
+        start = np.concatenate([lights, [starts[best] * strength[best]]])
+        start[:, 2] = np.maximum(start[:, 2], 1e-6)
         bounds = np.tile([-np.inf, -np.inf, 0], len(start)), np.inf  # none from behind the face
-        fit = least_squares(
-            wrong,
-            np.maximum(start, [-np.inf, -np.inf, 1e-6]).ravel(),
-            slope,
-            bounds,
-            loss="soft_l1",
-            f_scale=SMALL_ERROR,
-        )
+        fit = least_squares(wrong, start.ravel(), slope, bounds, loss="soft_l1", f_scale=SMALL_ERROR)
         now = np.abs(wrong(fit.x)).mean()
         if error - now < max(WORTH * error, LEAST):
             break
@@ -336,9 +323,8 @@ def fit_table(normal, free, place, change, resolution: Sequence[int]) -> dict[st
     """The table of colours over normals (`Sensor.colour_table`) for such a change; place: (n, 2) columns and rows."""
     steepest = float(np.quantile(np.hypot(normal[:, 0], normal[:, 1]), 0.999))
     over_image = list(monomials(*(2 * place / (np.array(resolution[::-1]) - 1) - 1).T, PLACE_DEGREE, 0))
-    pairs = zip(
-        *(monomials(*flattened(each.astype(float), steepest), NORMAL_DEGREE, 1) for each in (normal, free)), strict=True
-    )
+    parts = [flattened(each.astype(float), steepest) for each in (normal, free)]
+    pairs = zip(*(monomials(*part, NORMAL_DEGREE, 1) for part in parts), strict=True)
     terms = DIFFUSE * np.stack([(one - other) * where for one, other in pairs for where in over_image], axis=1)
     factors = np.zeros((terms.shape[1], 3))
     for turn in range(ROUNDS):  # least squares, then least absolute errors by weights
@@ -358,6 +344,6 @@ def write_sensor(sensor: Sensor, path: Path) -> None:
     image = path.with_suffix(".png")
     with atomic_write(image) as partial:
         Image.fromarray(sensor.background).save(partial)
-    description: Mapping[str, Any] = sensor.description() | {"name": path.stem, "background": image.name}
+    description = sensor.description() | {"name": path.stem, "background": image.name}
     with atomic_write(path) as partial:
-        partial.write_text(yaml.safe_dump(dict(description), sort_keys=False, default_flow_style=None, width=120))
+        partial.write_text(yaml.safe_dump(description, sort_keys=False, default_flow_style=None, width=120))

@@ -20,16 +20,8 @@ LIGHTS = [
     {"direction": [-0.3, -0.8, 0.5], "colour": [0, 0, 0.7]},
 ]
 BALL = 0.002  # m, radius
-PRESSES = [
-    (42, 60, 1.0),
-    (50, 70, 2.0),
-    (38, 75, 1.5),
-    (55, 55, 2.5),
-    (48, 52, 3.0),
-    (45, 66, 1.8),
-    (52, 80, 2.2),
-    (40, 48, 1.2),
-]
+PLACES = [(42, 60), (50, 70), (38, 75), (55, 55), (48, 52), (45, 66), (52, 80), (40, 48)]  # row, column
+PRESSES = [(*place, force) for place, force in zip(PLACES, (1, 2, 1.5, 2.5, 3, 1.8, 2.2, 1.2), strict=True)]  # N
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +92,7 @@ def test_the_known_lights_come_back(sensor, pressed, folder, circles, degrees, s
 @pytest.mark.parametrize("table", [False, True])
 def test_the_written_sensor_reads_what_the_fit_predicted(sensor, folder, tmp_path, table):
     found = calibrate(folder, unlit(sensor), BALL, table=table)
-    assert found.error[~found.fitted].mean() < 1
+    assert found.error[~found.fitted].mean() < 2 < 5 < found.untouched_error.mean()
     write_sensor(found.sensor, tmp_path / "own/mine.yaml")
     mine = load(str(tmp_path / "own/mine.yaml"))
     assert (mine.size, mine.resolution, mine.material) == (sensor.size, sensor.resolution, sensor.material)
@@ -126,8 +118,10 @@ def test_depths_and_punches_are_taken_from_the_table(sensor, pressed, folder):
     punched = press(np.where(away(sensor, row, column) <= 0.001, 0, np.inf), sensor.pixel, layer, 2.0)
     Image.fromarray(shade_pressed(punched.indentation, sensor)).save(folder / "punch.png")
     lines = ["image,row,column,depth,ball_radius,punch_radius"]
-    lines += [f"{n}.png,{at[0]},{at[1]},{made[2]},{BALL}," for n, (at, made) in enumerate(zip(PRESSES, pressed))]
-    lines += ["7.png,,," + f"{pressed[7][2]},{BALL},", f"punch.png,,,{punched.approach},,0.001"]
+    lines += [
+        f"{n}.png,{at[0]},{at[1]},{made[2]},{BALL}," for n, (at, made) in enumerate(zip(PRESSES, pressed, strict=True))
+    ]
+    lines += [f"7.png,,,{depths[7]},{BALL},", f"punch.png,,,{punched.approach},,0.001"]
     (folder / "circles.csv").write_text("\n".join(lines))
     found = calibrate(folder, unlit(sensor))
     assert found.error.max() < 1
