@@ -118,9 +118,8 @@ def test_depths_and_punches_are_taken_from_the_table(sensor, pressed, folder):
     punched = press(np.where(away(sensor, row, column) <= 0.001, 0, np.inf), sensor.pixel, layer, 2.0)
     Image.fromarray(shade_pressed(punched.indentation, sensor)).save(folder / "punch.png")
     lines = ["image,row,column,depth,ball_radius,punch_radius"]
-    lines += [
-        f"{n}.png,{at[0]},{at[1]},{made[2]},{BALL}," for n, (at, made) in enumerate(zip(PRESSES, pressed, strict=True))
-    ]
+    depths = [depth for *_, depth in pressed]
+    lines += [f"{n}.png,{PLACES[n][0]},{PLACES[n][1]},{depths[n]},{BALL}," for n in range(7)]
     lines += [f"7.png,,,{depths[7]},{BALL},", f"punch.png,,,{punched.approach},,0.001"]
     (folder / "circles.csv").write_text("\n".join(lines))
     found = calibrate(folder, unlit(sensor))
