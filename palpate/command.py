@@ -10,6 +10,7 @@ palpate calibrate images --ball 0.004 --sensor mine.yaml    a real sensor's ligh
 """
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -37,7 +38,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             own.add_argument(argument, **options)
     args = parser.parse_args(arguments)
     try:
-        return COMMANDS[args.command].run(args)
+        status = COMMANDS[args.command].run(args)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # what reads the output has ended, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python flushes at its end
+        return 1
     except (ValueError, LookupError, OSError, ImportError) as error:
         print(error_message(error), file=sys.stderr)
         return 1
@@ -176,8 +182,8 @@ class Command(NamedTuple):
     arguments: Mapping[str, Mapping[str, Any]]
 
 
-OBJECT = {"help": "its name in catalogue.csv, for example bottle-0011"}
-MODEL = {
+OBJECT: dict[str, Any] = {"help": "its name in catalogue.csv, for example bottle-0011"}
+MODEL: dict[str, dict[str, Any]] = {
     "--seed": {"type": int, "help": "of the trained model (default: the first there is)"},
     "--device": {"default": "cpu", "help": "of torch (default: cpu)"},
 }

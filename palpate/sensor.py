@@ -55,7 +55,7 @@ class Sensor:
 
     @property
     def size(self) -> Size:
-        """(height, width), in the order of `resolution`."""
+        """Edges of the plane (height, width), in the order of `resolution`."""
         return self.height, self.width
 
     @property
@@ -65,18 +65,19 @@ class Sensor:
 
     @cached_property
     def pixel_centres(self) -> tuple[np.ndarray, np.ndarray]:
-        """(r,) z of the rows and (c,) y of the columns: centres of the pixels on the sensor plane."""
-        return tuple(map(pixel_centres, self.resolution, self.size))
+        """Centres of the pixels on the sensor plane: z of the rows (r,) and y of the columns (c,)."""
+        rows, columns = map(pixel_centres, self.resolution, self.size)
+        return rows, columns
 
     @cached_property
     def plane(self) -> np.ndarray:
-        """(r, c, 3) the pixels on the sensor plane, sensor frame."""
+        """Positions (r, c, 3) of the pixels on the sensor plane, sensor frame."""
         z, y = np.meshgrid(*self.pixel_centres, indexing="ij")
         return np.stack([np.zeros_like(y), y, z], axis=2)
 
     @cached_property
     def _off_axis(self) -> np.ndarray:
-        """(r, c) m^2, squared distance of the pixels from the sensor's axis."""
+        """Squared distances (r, c), m^2, of the pixels from the sensor's axis."""
         z, y = self.pixel_centres
         return z[:, None] ** 2 + y[None] ** 2
 
@@ -87,12 +88,12 @@ class Sensor:
 
     @cached_property
     def on_gel(self) -> np.ndarray:
-        """(r, c) bool, pixels that look at the gel: all, or those within the circle of a round one."""
+        """Which pixels look at the gel, (r, c) bool: all, or those within the circle of a round one."""
         return np.full(self.resolution, True) if self.gel_radius is None else self._off_axis <= self.rim**2
 
     @cached_property
     def sag(self) -> np.ndarray:
-        """(r, c) metres that the undeformed gel is below its apex; beside a round gel as at its rim."""
+        """Metres (r, c) that the undeformed gel is below its apex; beside a round gel as at its rim."""
         if self.gel_radius is None:
             return np.zeros(self.resolution)
         return self.gel_radius - np.sqrt(self.gel_radius**2 - np.minimum(self._off_axis, self.rim**2))
@@ -108,13 +109,13 @@ class Sensor:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """(r, c) metres from the sensor plane within which a pixel touches: the undeformed gel; -inf beside it."""
+        """Metres (r, c) from the sensor plane within which a pixel touches: the undeformed gel; -inf beside it."""
         return np.where(self.on_gel, self.range - self.sag, -np.inf)
 
     @cached_property
     def lamps(self) -> list[tuple[np.ndarray, np.ndarray, bool]]:
-        """Of each light its place, (y, z, height above the plane at `range`) in metres, or its direction if it is far;
-        its colour, 1 for `diffuse` grey levels; whether it is far. None if a table of colours stands for the lights."""
+        """The lights: place (y, z, height above the plane at `range`) in metres, or direction if it is far; colour, of
+        which 1 is `diffuse` grey levels; whether it is far. None if there is a colour table."""
         if self.colour_table:
             return []
         if not isinstance(self.lights, Mapping):
@@ -187,7 +188,7 @@ class Sensor:
             "material": {key: float(gel[key]) for key in MATERIAL} if "thickness" in gel else None,
         }
         sensor = cls(**values, background=background if description["background"] else None)
-        if sensor.gel_radius and sensor.gel_radius < sensor.rim:
+        if sensor.gel_radius is not None and sensor.gel_radius < sensor.rim:
             raise ConfigError(
                 f"{what}: gel.face.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its "
                 "rim"
@@ -221,7 +222,7 @@ class Sensor:
 
 
 def pixel_centres(resolution: int, width: float) -> np.ndarray:
-    """(resolution,) centres of the pixels of a sensor `width` metres wide, along y or z."""
+    """Centres (resolution,) of the pixels of a sensor `width` metres wide, along y or z."""
     return ((np.arange(resolution) + 0.5) / resolution - 0.5) * width
 
 
@@ -256,12 +257,13 @@ def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
         description["background"] = str(path.parent / image)
     if path.resolve() in below:
         raise ConfigError(f"{path}: extends itself")
-    found = read(sensor_file(base, path.parent), (*below, path.resolve())) if base else {}
-    return found | {"name": path.stem} | description
+    inherited = read(sensor_file(base, path.parent), (*below, path.resolve())) if base else {}
+    return inherited | {"name": path.stem} | description
 
 
 def read_background(path: Path | str, resolution: Sequence[int]) -> np.ndarray:
-    """(r, c, 3) uint8 image of an untouched gel, resized to resolution (r, c). Raises `ConfigError` if unreadable."""
+    """The image (r, c, 3) uint8 of an untouched gel, resized to resolution (r, c). Raises `ConfigError` if it can't be
+    read."""
     rows, columns = resolution
     try:
         with Image.open(path) as picture:
@@ -276,13 +278,13 @@ def load(sensor: str, folder: Path | str = ".") -> Sensor:
     path = sensor_file(sensor, folder)
     description = read(path)
     image = description.get("background")
-    found = Sensor.from_description({**description, "background": None}, what=str(path))
-    if found.range < found.gel_face:
+    kind = Sensor.from_description({**description, "background": None}, what=str(path))
+    if kind.range < kind.gel_face:
         raise ConfigError(
-            f"{path}: range {found.range:g} m does not reach the gel's face on the hand, gel_face {found.gel_face:g} m "
+            f"{path}: range {kind.range:g} m does not reach the gel's face on the hand, gel_face {kind.gel_face:g} m "
             "from the sensor plane: nothing could touch; raise range, or lower gel_face"
         )
-    return replace(found, background=read_background(image, found.resolution)) if image else found
+    return replace(kind, background=read_background(image, kind.resolution)) if image else kind
 
 
 DIGIT = load("digit")

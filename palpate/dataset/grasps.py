@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from operator import index as integer
-
-import numpy as np
+from typing import Any
 
 from palpate.catalogue import CatalogueEntry
 from palpate.configuration import not_among
@@ -72,21 +71,22 @@ class GraspDataset(Sequence):
         """Names of the axes of an array in an item."""
         spec = self.sources[name][1]
         names = spec.dimensions[1 + spec.of_grasps :]
-        return tuple(each for each in names if each != "camera" or self._camera is None)
+        return tuple(axis for axis in names if axis != "camera" or self._camera is None)
 
     def __len__(self) -> int:
         return len(self._entries) * self._of_object
 
-    def __getitem__(self, index: int) -> dict[str, np.ndarray | str | int]:
+    def __getitem__(self, index: int) -> dict[str, Any]:  # type: ignore[override]  # no slices
+        """The arrays of a grasp, with its object, class, split and number. Raises IndexError if there is none."""
         try:
             number = range(len(self))[integer(index)]
         except IndexError:
             raise IndexError(f"grasp {index} of {len(self)}") from None
         number, grasp = divmod(number, self._of_object)
         entry = self._entries[number]
-        item = {"object": entry.object, "class": entry.class_name, "split": entry.split, "grasp": grasp}
+        item: dict[str, Any] = {"object": entry.object, "class": entry.class_name, "split": entry.split, "grasp": grasp}
         for name, (stage, spec) in self.sources.items():
-            place = (grasp,) if spec.of_grasps else ()
+            place: tuple[int | slice, ...] = (grasp,) if spec.of_grasps else ()
             if spec == FRAMES_READING:
                 depth, sensor = self._run.read(stage, "depth", entry, place), self._run.store(stage, entry.batch).sensor
                 item[name] = shaded(depth, sensor)

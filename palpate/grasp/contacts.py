@@ -42,28 +42,29 @@ def contacts(simulation: GraspSimulation) -> Contacts:
     first, second = link_of_body[model.geom_bodyid[data.contact.geom]].reshape(-1, 2).T
     swapped = second == OBJECT
     force = np.zeros((data.ncon, 6))
-    for number, each in enumerate(force):
-        mujoco.mj_contactForce(model, data, number, each)
-    found = Contacts(
+    for number, wrench in enumerate(force):
+        mujoco.mj_contactForce(model, data, number, wrench)
+    unordered = Contacts(
         position=data.contact.pos,
         normal=data.contact.frame[:, :3] * np.where(swapped, -1, 1)[:, None],  # the engine's is into the second
         force=force[:, 0],
         link=np.where(swapped, first, second),
         other=np.where(swapped, second, first),
     )
-    order = np.argsort(-found.force, kind="stable")
-    return Contacts(*(values[order] for values in found))
+    order = np.argsort(-unordered.force, kind="stable")
+    return Contacts(*(values[order] for values in unordered))
 
 
-def sensor_wrenches(found: Contacts, links: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def sensor_wrenches(touching: Contacts, links: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Force (N) and torque (N m) of the object on each sensor's link: (s, 6), in the sensor's frame and at its origin.
 
     links: (s,) int of the sensors. position, rotation: (s, 3) and (s, 3, 3), in the frame of the contacts.
     """
-    on_link = (found.link == links[:, None]) & (found.other == OBJECT)
-    force = (on_link * found.force)[..., None] * found.normal  # (s, n, 3)
-    torque = np.cross(found.position - position[:, None], force)
-    return np.concatenate([each.sum(axis=1, keepdims=True) @ rotation for each in (force, torque)], axis=-1)[:, 0]
+    on_link = (touching.link == links[:, None]) & (touching.other == OBJECT)
+    forces = (on_link * touching.force)[..., None] * touching.normal  # (s, n, 3)
+    torques = np.cross(touching.position - position[:, None], forces)
+    sums = [vectors.sum(axis=1, keepdims=True) @ rotation for vectors in (forces, torques)]
+    return np.concatenate(sums, axis=-1)[:, 0]
 
 
 def pad_forces(found: Contacts, links: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -85,12 +86,13 @@ def contact_arrays(
     links, position, rotation: as for `sensor_wrenches`, of each frame. `contact_count` counts all contacts; of the
     others the `SLOTS` with the largest forces are kept, and slots without a contact are 0.
     """
-    arrays = {"contact_count": np.array([len(found.force) for found in frames])}
+    arrays = {"contact_count": np.array([len(frame.force) for frame in frames])}
     for name in Contacts._fields:
-        columns = [getattr(found, name)[:SLOTS] for found in frames]
+        columns = [getattr(frame, name)[:SLOTS] for frame in frames]
         padded = np.zeros((len(frames), SLOTS, *columns[0].shape[1:]), columns[0].dtype)
         for slots, values in zip(padded, columns, strict=True):
             slots[: len(values)] = values
         arrays[f"contact_{name}"] = padded
-    wrenches = [sensor_wrenches(*each) for each in zip(frames, [links] * len(frames), position, rotation, strict=True)]
+    poses = zip(frames, position, rotation, strict=True)
+    wrenches = [sensor_wrenches(frame, links, place, turn) for frame, place, turn in poses]
     return arrays | {"sensor_wrench": np.array(wrenches)}

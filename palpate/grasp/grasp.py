@@ -62,9 +62,16 @@ class Grasper:
     """One object and one hand, set up once for any number of attempts. Frames: the object's own."""
 
     def __init__(
-        self, visual, collision, surface_points, hand: Hand,
-        timestep=TIMESTEP, max_penetration=MAX_PENETRATION, thumb_share=THUMB_SHARE, sensor=DIGIT,
-    ):  # fmt: skip
+        self,
+        visual: trimesh.Trimesh,
+        collision: trimesh.Trimesh,
+        surface_points: np.ndarray,
+        hand: Hand,
+        timestep: float = TIMESTEP,
+        max_penetration: float = MAX_PENETRATION,
+        thumb_share: float = THUMB_SHARE,
+        sensor: Sensor = DIGIT,
+    ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
         Raises what `check_hand` does, and UnusableObject for an object without a face.
@@ -83,7 +90,7 @@ class Grasper:
 
     @cached_property
     def caster(self) -> RayCaster:
-        """What decides which sensors touch."""
+        """The ray caster that decides which sensors touch."""
         return RayCaster(self.visual, sensor=self.sensor)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
@@ -134,8 +141,8 @@ class Grasper:
 
 
 def check_hand(hand: Hand, timestep: float = TIMESTEP, max_penetration: float = MAX_PENETRATION) -> None:
-    """Raises ConfigError, as a run should before its first object, for a hand or settings that no object can be grasped
-    with: an open hand whose links penetrate each other, or what can't be simulated."""
+    """Raise ConfigError for a hand or settings that no object can be grasped with, as a run should before its first
+    object: an open hand whose links penetrate each other, or what can't be simulated."""
     PenetrationCheck(hand, trimesh.Trimesh()).require_open(max_penetration)
     try:
         GraspSimulation(hand, [], timestep)
@@ -175,7 +182,8 @@ def grasp_object(
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
     grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
-    grasps, discarded = [], Counter()
+    grasps: list[Grasp] = []
+    discarded: Counter[str] = Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
         result = grasper.attempt(rng)
         if isinstance(result, str):

@@ -15,7 +15,6 @@ from palpate.grasp.frames import kept_closings
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.hand import Hand
-from palpate.hand.model import STIFFNESS
 
 GRAVITY = 9.81  # m / s^2
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])  # +x, +y, +z, -x, -y, -z of the world
@@ -39,7 +38,7 @@ def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
     """
     solid = bool(mesh.is_volume)
     volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(surface_patches(mesh)))
-    return Body(density * volume.volume, volume.center_mass, density * volume.moment_inertia, solid)
+    return Body(float(density * volume.volume), volume.center_mass, density * volume.moment_inertia, solid)
 
 
 class HoldSimulation(GraspSimulation):
@@ -48,22 +47,14 @@ class HoldSimulation(GraspSimulation):
     Friction cones are elliptic: with pyramids a contact resists less along their diagonals.
     """
 
-    def __init__(
-        self,
-        hand: Hand,
-        patches: list[np.ndarray],
-        body: Body,
-        friction: float,
-        timestep: float,
-        stiffness: float = STIFFNESS,
-    ):
+    def __init__(self, hand: Hand, patches: list[np.ndarray], body: Body, friction: float, timestep: float):
         """body, friction (the coefficient of all contacts): of the object; others as for `GraspSimulation`."""
         self.body, self.friction = body, friction
-        super().__init__(hand, patches, timestep, stiffness=stiffness)
+        super().__init__(hand, patches, timestep)
 
-    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
-        """As `GraspSimulation.specification`."""
-        spec = super().specification(hand, patches, timestep, stiffness)
+    def specification(self) -> mujoco.MjSpec:
+        """Hand and object as for a closing, with the object's weight and friction."""
+        spec = super().specification()
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.compiler.balanceinertia = True  # of a thin plate, the sum of two moments may miss the third by rounding
         for geom in spec.geoms:
@@ -86,7 +77,7 @@ class HoldSimulation(GraspSimulation):
         duration: float,
         distance: float,
     ) -> float:
-        """How far the object's centre of mass is from its place at most, m; NaN if the engine warned.
+        """The largest distance of the object's centre of mass from its place, m; NaN if the engine warned.
 
         It starts at rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets`
         (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.
@@ -138,6 +129,6 @@ def hold_grasps(
         "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
         "held_along": held,
         "moved": np.where(simulated, moved, np.inf),
-        "mass": np.float64(simulation.model.body("object").mass[0]),
-        "solid": np.bool_(body.solid),
+        "mass": np.array(simulation.model.body("object").mass[0]),
+        "solid": np.array(body.solid),
     }

@@ -1,7 +1,7 @@
 """An export: samples in one of the layouts, and what every export has beside them (docs/export.md):
 
 objects.csv, meshes/<object>.glb, hand.json, sensor.json, empty_reading.png, cameras.json, figures/*.png,
-README.md (the data card), croissant.json, SHA256SUMS
+README.md (the data card), croissant.json, SHA256SUMS, seal.json
 """
 
 import csv
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate import checksums
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.dataset import Dataset, ObjectRecord
 from palpate.hand import Hand
@@ -65,7 +65,11 @@ def export(
         source = "procedural, made by palpate (no one's meshes)"
     splits = grasps_by_split(dataset, arrays)
     contents = Contents(dataset, splits, FORMATS[layout], spdx(licence), source)
+    if (report := dataset.folder / "reports/validation.csv").exists():
+        dataset.require_current(report)
     digests = dataset.digests(None if arrays is None else {stage for stage, _ in contents.grasps.sources.values()})
+    inputs = [dataset.folder / CONTRACT[stage].path(batch) for stage, batch in digests]
+    inputs.append(dataset.folder / "catalogue.csv")
     with atomic_write(folder) as partial:
         partial.mkdir()
         _write_descriptions(partial, dataset)
@@ -74,13 +78,16 @@ def export(
         _copy_figures(partial, dataset)
         files = sorted(filter(Path.is_file, partial.rglob("*")))
         with ThreadPoolExecutor(2) as pool:
-            sums = pool.map(checksums.size_and_sha256, files)
+            sums = pool.map(seal.size_and_sha256, files)
             manifest = dict(zip((path.relative_to(partial).as_posix() for path in files), sums, strict=True))
         write_croissant(partial / "croissant.json", contents, manifest)
         write_card(partial / CARD, contents, digests)
-        manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
+        manifest |= {name: seal.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
-        (partial / "SHA256SUMS").write_text("".join(lines))
+        sums_file = partial / "SHA256SUMS"
+        sums_file.write_text("".join(lines))
+        manifest[sums_file.name] = seal.size_and_sha256(sums_file)
+        seal.write(partial, seal.made_of(inputs), manifest)
         _require_new(folder)  # still
     return sum(map(len, splits.values()))
 
@@ -110,6 +117,7 @@ def _copy_figures(folder: Path, dataset: Dataset) -> None:
     """Copy the run's figures of data: one data point, and examples of each class; those that it has."""
     names = ["data_point.png", *(f"examples_{name}.png" for name in dataset.classes)]
     for figure in filter(Path.is_file, (dataset.folder / "figures" / name for name in names)):
+        dataset.require_current(figure)
         (folder / "figures").mkdir(exist_ok=True)
         shutil.copyfile(figure, folder / "figures" / figure.name)
 
@@ -148,7 +156,7 @@ def _hand_and_sensor(record: ObjectRecord, stages: Iterable[str]) -> dict[str, s
         texts["sensor"] = _json(stated | {"pixels": PIXELS, "units": units})
     if "grasps" in stages:
         values = {field.name: getattr(record.hand, field.name) for field in fields(Hand)}
-        texts["hand"] = _json({"about": f"{' '.join(Hand.__doc__.split())} {FRAMES_OF_HAND}"} | values)
+        texts["hand"] = _json({"about": f"{' '.join((Hand.__doc__ or '').split())} {FRAMES_OF_HAND}"} | values)
     return texts
 
 

@@ -12,6 +12,7 @@ import tarfile
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                     table.writerow([split, f"{sample:08d}", item["object"], item["class"], item["grasp"]])
 
 
-def _entries(item: dict, grasps: GraspDataset) -> Iterable[tuple[str, bytes]]:
+def _entries(item: dict[str, Any], grasps: GraspDataset) -> Iterable[tuple[str, bytes]]:
     """Name and content of each file of a sample."""
     yield "json", json.dumps({name: item[name] for name in (*TEXT, "grasp")}, ensure_ascii=False).encode()
     for name in grasps.arrays:
@@ -54,12 +55,13 @@ def _entries(item: dict, grasps: GraspDataset) -> Iterable[tuple[str, bytes]]:
             file = io.BytesIO()
             np.save(file, item[name])
             yield f"{name}.npy", file.getvalue()
-        for each, image in images.items():
-            yield f"{each}.png", png(image)
+        for key, image in images.items():
+            yield f"{key}.png", png(image)
 
 
 def _names(name: str, images: list[str]) -> list[str]:
-    return [f"{each}.png" for each in images] or [f"{name}.npy"]
+    """The files that hold an array of a sample."""
+    return [f"{image}.png" for image in images] or [f"{name}.npy"]
 
 
 LAYOUT = Layout("webdataset", write_webdataset, "{}-*.tar", _names)

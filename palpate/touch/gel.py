@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike
 from scipy import fft
 
 PADDING = 3.0  # thicknesses around an image, beyond which the layer hardly moves
@@ -83,7 +84,12 @@ class Face:
     """The responses of a layer's face on a grid of pixels, computed once for all contacts; see `face`."""
 
     def __init__(
-        self, layer: Layer, shape: tuple[int, int], pixel: tuple[float, float], dtype=np.float64, padding=PADDING
+        self,
+        layer: Layer,
+        shape: tuple[int, int],
+        pixel: tuple[float, float],
+        dtype: DTypeLike = np.float64,
+        padding: float = PADDING,
     ):
         """shape: rows and columns; pixel: edges along rows' and columns' direction, m. padding: thicknesses around."""
         self.layer, self.shape, self.pixel, self.dtype = layer, shape, pixel, np.dtype(dtype)
@@ -100,7 +106,7 @@ class Face:
         steps = [2 * np.pi / edge for edge in self.pixel]
         rows = np.fft.fftfreq(self.padded[0])[:, None] * steps[0]
         columns = np.fft.rfftfreq(self.padded[1])[None] * steps[1]
-        total, orders = 0.0, range(-ALIASES, ALIASES + 1)
+        total, orders = np.zeros(1), range(-ALIASES, ALIASES + 1)
         for along_z, along_y in np.ndindex(2 * ALIASES + 1, 2 * ALIASES + 1):
             z, y = rows + orders[along_z] * steps[0], columns + orders[along_y] * steps[1]
             wavenumber = np.hypot(y, z)
@@ -158,7 +164,7 @@ class Face:
 
 
 @lru_cache(maxsize=8)
-def face(layer: Layer, shape: tuple[int, int], pixel: tuple[float, float], dtype=np.float64) -> Face:
+def face(layer: Layer, shape: tuple[int, int], pixel: tuple[float, float], dtype: type = np.float64) -> Face:
     """The responses of a layer on a grid; those of the last eight are kept."""
     return Face(layer, shape, pixel, dtype)
 
@@ -181,7 +187,7 @@ def contact(
     weighted by pressure. A contact of one pixel meets the second at once. Raises NotConverged.
     """
     allowed = np.isfinite(gap)
-    gap, tiny = np.where(allowed, gap, 0), np.finfo(float).tiny
+    gap, tiny = np.where(allowed, gap, 0), float(np.finfo(float).tiny)
     pressure, way, before, approach = start, np.zeros_like(start), 0.0, 0.0
     move = moved(pressure)
     for _ in range(ITERATIONS):
@@ -231,7 +237,7 @@ def press(
     twist: float = 0.0,
     friction: float = 0.5,
     tolerance: float = TOLERANCE,
-    dtype=np.float64,
+    dtype: type = np.float64,
 ) -> Pressed:
     """Press a rigid surface into a gel with a stated force, then slide or twist it.
 
@@ -258,7 +264,8 @@ def press(
     gap = surface - first
     start = _start(gap, layer, force / area, area)
     pressure, indentation, approach = contact(gel.indentation, gap, force / area, start, tolerance)
-    displacement, traction = gel.spread(pressure), np.zeros((*surface.shape, 2), dtype)
+    displacement = gel.spread(pressure)
+    traction: np.ndarray = np.zeros((*surface.shape, 2), dtype)
     if np.any(slide) or twist:
         traction = _friction(gel, pressure, np.asarray(slide, dtype), twist, friction, tolerance)
         displacement = displacement + gel.shear(traction)
@@ -278,7 +285,9 @@ def _start(gap: np.ndarray, layer: Layer, total: float, area: float) -> np.ndarr
     return pressure * (total / pressure.sum())
 
 
-def _friction(gel: Face, pressure, slide, twist: float, friction: float, tolerance: float) -> np.ndarray:
+def _friction(
+    gel: Face, pressure: np.ndarray, slide: np.ndarray, twist: float, friction: float, tolerance: float
+) -> np.ndarray:
     """Tractions (r, c, 2) of Coulomb friction after a slide and twist, by a second solve of the same form.
 
     As Ciavarella's and Jaeger's theorem has it: full slip, less a correction q >= 0 that is 0 where the face slips.

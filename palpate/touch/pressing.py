@@ -1,5 +1,6 @@
 """What a sensor reads when it is pressed: its whole gel takes part, and its image shows a window of it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -42,15 +43,22 @@ def face_sensor(sensor: Sensor) -> Sensor:
         for size, edge, n in zip((height, width), edges, sensor.resolution, strict=True)
     ]
     rows, columns = rows + 2 * more[0], columns + 2 * more[1]
-    size = {"resolution": (rows, columns), "height": rows * edges[0], "width": columns * edges[1]}
     # As far as the corners of a convex gel, pressed in by its thickness.
     thickness = sensor.material["thickness"] if sensor.material else 0.0
     reach = max(sensor.range, sensor.gel_face + thickness + sensor.gel_sag)
-    return replace(sensor, **size, range=reach, gel_radius=None, background=None, gel_size=(height, width))
+    size = height, width
+    height, width = rows * edges[0], columns * edges[1]
+    wide = replace(sensor, resolution=(rows, columns), height=height, width=width, range=reach, gel_size=size)
+    return replace(wide, gel_radius=None, background=None)
 
 
 def press_sensor(
-    depth: np.ndarray, sensor: Sensor, force: float, slide=(0.0, 0.0), twist: float = 0.0, friction: float = 0.5
+    depth: np.ndarray,
+    sensor: Sensor,
+    force: float,
+    slide: tuple[float, float] = (0.0, 0.0),
+    twist: float = 0.0,
+    friction: float = 0.5,
 ) -> PressedReading:
     """A sensor pressed into a surface with a force (N) along its axis; slide, twist, friction: as for `gel.press`.
 
@@ -69,7 +77,8 @@ def press_sensor(
     outside = pressed.pressure.copy()
     outside[window] = 0
     inside = 1 - outside.sum() / pressed.pressure.sum()
-    return _reading(sensor, *(image[window] for image in pressed[:3]), force, pressed.approach, inside, pressed.strain)
+    images = [image[window] for image in pressed[:3]]
+    return _reading(sensor, images, [force, pressed.approach, inside, pressed.strain])
 
 
 def press_sensors(
@@ -89,7 +98,7 @@ def press_sensors(
         readings.append(press_sensor(depth, sensor, float(newton)))
     fields = zip(*readings, strict=True)
     arrays = (None if each[0] is None else np.reshape(each, (*leading, *each[0].shape)) for each in fields)
-    return PressedReading(*arrays)
+    return PressedReading._make(arrays)
 
 
 def press_scene(scene: "Scene", sensor: Sensor, force: np.ndarray) -> dict[str, np.ndarray | None]:
@@ -108,12 +117,11 @@ def shade_pressed(indentation: np.ndarray, sensor: Sensor, displacement: np.ndar
     displacement: (r, c, 2) m, of the dots; default 0.
     """
     reading = shade_impression(indentation, sensor, sensor.face_sag)
-    if not sensor.markers:
+    dots = markers(np.zeros((*sensor.resolution, 2)) if displacement is None else displacement, sensor)
+    if dots is None:
         return reading
-    if displacement is None:
-        displacement = np.zeros((*sensor.resolution, 2))
     covered = np.zeros(sensor.resolution)
-    for row, column in markers(displacement, sensor).reshape(-1, 2):
+    for row, column in dots.reshape(-1, 2):
         z = (np.arange(sensor.resolution[0]) - row)[:, None] * sensor.pixel[0]
         y = (np.arange(sensor.resolution[1]) - column)[None] * sensor.pixel[1]
         edge = (MARKER_RADIUS - np.hypot(y, z)) / max(sensor.pixel)
@@ -121,11 +129,14 @@ def shade_pressed(indentation: np.ndarray, sensor: Sensor, displacement: np.ndar
     return np.rint(reading * (1 - (1 - MARKER_SHADE) * covered[..., None])).astype(np.uint8)
 
 
-def markers(displacement: np.ndarray, sensor: Sensor) -> np.ndarray:
+def markers(displacement: np.ndarray, sensor: Sensor) -> np.ndarray | None:
     """(m, n, 2) float32 row and column of the dots of a gel that is moved sideways by (r, c, 2) m.
 
     Untouched they are evenly spaced over the image, half a spacing from its edges. (0, 0) is the first pixel's centre.
+    None for a sensor without dots.
     """
+    if sensor.markers is None:
+        return None
     from scipy.ndimage import map_coordinates
 
     count = sensor.markers["rows"], sensor.markers["columns"]
@@ -135,13 +146,14 @@ def markers(displacement: np.ndarray, sensor: Sensor) -> np.ndarray:
     return np.stack([row + z / sensor.pixel[0], column + y / sensor.pixel[1]], axis=-1).astype(np.float32)
 
 
-def _reading(sensor: Sensor, indentation, pressure, displacement, *numbers: float) -> PressedReading:
-    reading = shade_pressed(indentation, sensor, displacement)
-    dots = markers(displacement, sensor) if sensor.markers else None
-    images = (image.astype(np.float32) for image in (indentation, pressure, displacement))
-    return PressedReading(reading, *images, dots, *(np.float64(number) for number in numbers))
+def _reading(sensor: Sensor, images: Sequence[np.ndarray], numbers: Sequence[float]) -> PressedReading:
+    """The reading of the images and numbers of `PressedReading`, in its order and types."""
+    indentation, _, displacement = images
+    reading, dots = shade_pressed(indentation, sensor, displacement), markers(displacement, sensor)
+    single = [image.astype(np.float32) for image in images]
+    return PressedReading._make([reading, *single, dots, *map(np.float64, numbers)])
 
 
 def _untouched(sensor: Sensor) -> PressedReading:
     nothing = np.zeros(sensor.resolution)
-    return _reading(sensor, nothing, nothing, np.zeros((*sensor.resolution, 2)), 0, 0, 0, 0)
+    return _reading(sensor, [nothing, nothing, np.zeros((*sensor.resolution, 2))], [0, 0, 0, 0])

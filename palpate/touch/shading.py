@@ -16,7 +16,7 @@ LIGHTS, DIFFUSE = np.stack([place for place, *_ in DIGIT.lamps]), DIGIT.diffuse
 
 
 def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """D' = ReLU(w - D), metres, 0 where nothing is in range (depth +inf); w: each pixel's distance of the free gel."""
+    """Impressions D' = ReLU(w - D), metres, 0 where nothing is in range (depth +inf); w: distance of the free gel."""
     reach = sensor.range if sensor.gel_radius is None else sensor.reach.astype(depth.dtype)
     return np.maximum(reach - depth, 0)
 
@@ -36,9 +36,12 @@ def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Impressions (..., r, c) as a soft gel takes them: Taxim's approximation (Si and Yuan 2022, `deformApprox`).
 
     Gaussian filters, the standard deviations (m) of `pyramid` in turn. After each, pixels deeper than `held` of the
-    deepest get their depth back: there the gel lies on the object. Then a filter of `last`.
+    deepest get their depth back: there the gel lies on the object. Then a filter of `last`. Without settings for it
+    the impressions stay as they are.
     """
     settings = sensor.smoothing
+    if not settings:
+        return height
     held = height > settings["held"] * height.max(axis=(-2, -1), keepdims=True)
     result = height
     for sigma in settings["pyramid"]:
@@ -64,10 +67,7 @@ def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     depth = np.asarray(depth, dtype=np.float32)
     if not (depth > -np.inf).all():
         raise ValueError("expected depths in metres, +inf where nothing is in range, got NaN or -inf")
-    height = impression(depth, sensor)
-    if sensor.smoothing:
-        height = smoothed(height, sensor)
-    return shade_impression(height, sensor)
+    return shade_impression(smoothed(impression(depth, sensor), sensor), sensor)
 
 
 def shade_impression(height: np.ndarray, sensor: Sensor = DIGIT, sag: np.ndarray | None = None) -> np.ndarray:
@@ -138,5 +138,5 @@ def flattened(normal: np.ndarray, steepest: float) -> tuple[np.ndarray, np.ndarr
 
 
 def empty_reading(sensor: Sensor = DIGIT) -> np.ndarray:
-    """(r, c, 3) uint8, the reading of a sensor that touches nothing."""
+    """The reading (r, c, 3) uint8 of a sensor that touches nothing."""
     return shade(np.full(sensor.resolution, np.inf), sensor)

@@ -4,6 +4,7 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -41,9 +42,9 @@ def object_page(
     glb = record_scene(record, shown, predictions).export(file_type="glb")
     scene_file = path.with_suffix(".glb")
     frames = {grasp.number: _frames(grasp) for grasp in shown if "frames" in grasp.stages}
-    data = {"glb": base64.b64encode(glb).decode(), "cameras": [_viewpoint(each) for each in cameras(record)]}
-    data["frames"] = frames
-    with_forces = any(name.startswith("force ") for each in frames.values() for name in each["poses"])
+    viewpoints = [_viewpoint(camera) for camera in cameras(record)]
+    data = {"glb": base64.b64encode(glb).decode(), "cameras": viewpoints, "frames": frames}
+    with_forces = any(name.startswith("force ") for closing in frames.values() for name in closing["poses"])
     missing = {"prediction": not predictions, "force": not with_forces}
     labels = {kind: label for kind, label in LABELS.items() if not missing.get(kind)}
     if predictions and model:
@@ -55,9 +56,9 @@ def object_page(
         "object.html.jinja",
         record=record,
         labels=labels,
-        cameras=len(data["cameras"]),
+        cameras=len(viewpoints),
         grasps=[_grasp(grasp) for grasp in shown],
-        frames=max((len(each["time"]) for each in frames.values()), default=0),
+        frames=max((len(closing["time"]) for closing in frames.values()), default=0),
         images=_images(record, "unoccluded"),
         data=Markup(json.dumps(data).replace("<", "\\u003c")),
         style=resource("viewer.css"),
@@ -68,17 +69,18 @@ def object_page(
 
 
 def _grasps(record: ObjectRecord, numbers: Sequence[int] | None) -> list[GraspRecord]:
+    """The grasps with these numbers, by default all. Raises IndexError for one that the object does not have."""
     has_grasps = {"grasps", "touch", "vision"} & set(record.stages)
-    found = record.grasps if has_grasps else []
+    grasps = record.grasps if has_grasps else []
     if numbers is None:
-        return found
-    if wrong := [number for number in numbers if not 0 <= number < len(found)]:
-        raise IndexError(f"{record.name} has no grasp {wrong[0]}: it has {len(found)}, numbered from 0")
-    return [found[number] for number in numbers]
+        return grasps
+    if wrong := [number for number in numbers if not 0 <= number < len(grasps)]:
+        raise IndexError(f"{record.name} has no grasp {wrong[0]}: it has {len(grasps)}, numbered from 0")
+    return [grasps[number] for number in numbers]
 
 
 def _grasp(grasp: GraspRecord) -> dict[str, object]:
-    """What the page shows of one grasp beside the scene: images, readings."""
+    """The images and readings of a grasp, which the page shows beside the scene."""
     sensors = []
     for number, name in enumerate(grasp.sensors if "touch" in grasp.stages else ()):
         touch = {"touches": grasp.success[number], "points": grasp.point_count[number]}
@@ -87,7 +89,7 @@ def _grasp(grasp: GraspRecord) -> dict[str, object]:
     return {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
 
 
-def _frames(grasp: GraspRecord) -> dict[str, object]:
+def _frames(grasp: GraspRecord) -> dict[str, Any]:
     """A grasp's closing as the page takes it: times, poses of the scene's nodes by kind and name as rows of 3 x 4
     matrices, and readings; None for a sensor that touches nothing, which reads `empty`."""
     frames, hand = grasp.frames, grasp.object.hand
@@ -96,13 +98,14 @@ def _frames(grasp: GraspRecord) -> dict[str, object]:
     poses |= {f"hand {hand.link_names[link]}": frames.link_pose[:, link, :3] for link in np.unique(hand.geom_link)}
     if frames.has_contacts:
         poses |= {f"force {slot}": arrows for slot, arrows in enumerate(force_arrows(frames)[:, :, :3].swapaxes(0, 1))}
-    found = {"time": frames.time.tolist()}
-    found["poses"] = {name: np.round(pose.reshape(-1, 12), 5).tolist() for name, pose in poses.items()}
+    rows = {name: np.round(pose.reshape(-1, 12), 5).tolist() for name, pose in poses.items()}
+    closing = {"time": frames.time.tolist(), "poses": rows}
     if frames.has_touch:
-        each = [zip(*of_frame, strict=True) for of_frame in zip(frames.reading, frames.success, strict=True)]
-        found["readings"] = [[data_uri(read, READING) if on else None for read, on in pairs] for pairs in each]
-        found["empty"] = data_uri(empty_reading(frames.sensor), READING)
-    return found
+        readings = np.full(frames.success.shape, None)
+        for place in np.argwhere(frames.success):
+            readings[*place] = data_uri(frames.reading[*place], READING)
+        closing |= {"readings": readings.tolist(), "empty": data_uri(empty_reading(frames.sensor), READING)}
+    return closing
 
 
 def _images(record: ObjectRecord | GraspRecord, name: str) -> list[str]:

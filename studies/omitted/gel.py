@@ -25,7 +25,9 @@ def face_difference(one: np.ndarray, other: np.ndarray, within: float = np.inf) 
 
 def by_finite_elements(depth: float, width: float = 5.0) -> np.ndarray:
     """The face (n, n) m, of a ball pressed by `depth`, with finite strain; width: radius of the gel, thicknesses."""
-    pressed = finite_elements.Gel(*LAYER, fine=0.003, width=width).press(finite_elements.ball(0.003), depth)
+    pressed = finite_elements.Gel(*LAYER, min(0.003, 0.7 * width * LAYER.thickness), width=width).press(
+        finite_elements.ball(0.003), depth
+    )
     face = np.interp(R, pressed.radius + pressed.sideways, pressed.indentation)
     return np.where(width * LAYER.thickness >= R, face, 0)
 

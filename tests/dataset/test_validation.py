@@ -10,13 +10,19 @@ import trimesh
 import zarr
 
 import palpate.store
-from palpate import checksums
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.dataset.checks import CHECKS, rotation_error
-from palpate.dataset.validation import check_again, combine_validation, read_findings, validate_batch, write_findings
+from palpate.dataset.validation import (
+    check_again,
+    combine_validation,
+    outputs,
+    read_findings,
+    validate_batch,
+    write_findings,
+)
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
-from palpate.store.zarr_files import seal_zarr
 from tests.dataset import test_forces
 from tests.store.conftest import add_frames
 
@@ -141,14 +147,17 @@ def made_with(change):
 
     def damage(run):
         path = run / f"vision/{BATCH}.zarr"
-        seal_zarr(path, change(dict(zarr.open_group(path).attrs)))
+        stated = change({**zarr.open_group(path).attrs, "made_from": {}})
+        made_from = stated.pop("made_from")
+        zarr.open_group(path, mode="r+").attrs.put(stated)
+        seal.write(path, made_from)
 
     return damage
 
 
 def change_sealed_table(run):
     table = run / "evaluations.csv"
-    with atomic_write(table, checksum=True) as partial:
+    with atomic_write(table, seal.NOTHING) as partial:
         partial.write_text("chamfer\n1.45\n")
     table.write_text("chamfer\n1.85\n")
 
@@ -166,7 +175,7 @@ def scale_mesh(factor, shift=0.0):
         path = run / "meshes" / BATCH / OBJECT / "visual.glb"
         mesh = trimesh.load_mesh(path)
         mesh.apply_scale(factor).apply_translation([0, shift, 0]).export(path)
-        checksums.write_manifest(run / "meshes" / BATCH)
+        seal.write(run / "meshes" / BATCH)
 
     return damage
 
@@ -179,7 +188,7 @@ def keep_size(diagonal):
         record = json.loads(path.read_text())
         box = [[0, 0, 0], [0, 0, diagonal / record["scale"]]]
         path.write_text(json.dumps(record | {"source": {"scale": "keep", "bounding_box": box}}))
-        checksums.write_manifest(run / "meshes" / BATCH)
+        seal.write(run / "meshes" / BATCH)
 
     return damage
 
@@ -188,17 +197,17 @@ def retype(run):
     group = zarr.open_group(run / f"surface/{BATCH}.zarr")
     points = group["points"][:]
     group.create_array("points", data=points.astype(np.float64), overwrite=True)
-    seal_zarr(run / f"surface/{BATCH}.zarr")
+    seal.write(run / f"surface/{BATCH}.zarr")
 
 
 def extra_array(run):
     zarr.open_group(run / f"vision/{BATCH}.zarr").create_array("glow", data=np.zeros(3))
-    seal_zarr(run / f"vision/{BATCH}.zarr")
+    seal.write(run / f"vision/{BATCH}.zarr")
 
 
 def without_depth(run):
     shutil.rmtree(run / f"touch/{BATCH}.zarr/depth")
-    seal_zarr(run / f"touch/{BATCH}.zarr")
+    seal.write(run / f"touch/{BATCH}.zarr")
 
 
 def table(name, change):
@@ -217,9 +226,9 @@ def again(split):
 
 NAN, INF = np.nan, np.inf
 PICTURE = ("unoccluded_mask", "unoccluded_depth")
-OF_FORCES = {check for *_, check in test_forces.DAMAGES} - {"finite"}  # caught there
+OF_FORCES = {check for *_, check in test_forces.DAMAGES} - {"finite"} | {"pressed"}  # caught there, and in test_pressed
 DAMAGES = {
-    "made from": [("vision", made_with(lambda had: had | {"made_from": {"inputs": {"grasps": "0" * 64}}}))],
+    "made from": [("vision", made_with(lambda had: had | {"made_from": {"inputs": {f"grasps/{BATCH}.h5": "0" * 64}}}))],
     "readable": [
         ("surface", file(f"surface/{BATCH}.zarr")),
         ("grasps", file(f"grasps/{BATCH}.h5", lambda data: data[: len(data) // 2])),
@@ -238,7 +247,7 @@ DAMAGES = {
         ("touch", file(f"touch/{BATCH}.zarr/success/c/0/0/0", flip_the_middle)),
         ("grasps", file(f"grasps/{BATCH}.h5", flip_a_bit)),
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", flip_a_bit)),
-        ("meshes", file(f"meshes/{BATCH}/manifest.json")),
+        ("meshes", file(f"meshes/{BATCH}/seal.json")),
     ],
     "tables": [("run", change_sealed_table)],
     "sources": [
@@ -349,7 +358,7 @@ def validate(run, *others) -> pd.DataFrame:
     table = run / f"reports/validation/{BATCH}.csv"
     write_findings(table, validate_batch(run, BATCH))
     findings = [finding for path in (table, *others) for finding in read_findings(path)]
-    return combine_validation(findings, run, run / "sources")
+    return combine_validation(findings, run, run / "sources", outputs(run))
 
 
 @pytest.fixture(scope="module")
@@ -469,7 +478,7 @@ def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, sh
     """Some of the object's pixels show nothing, or something further off or nearer than its first face."""
     path = run / "meshes" / BATCH / OBJECT / "mesh.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"visual.glb": {"see_through": see_through}}))
-    checksums.write_manifest(run / "meshes" / BATCH)
+    seal.write(run / "meshes" / BATCH)
     window = (..., slice(26, 38), slice(22, 30))  # on the object, left of what hides it
 
     def change(arrays):

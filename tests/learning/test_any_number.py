@@ -11,10 +11,9 @@ import torch
 from palpate.charts import vision_atlas
 from palpate.experiments import Correction, Experiment
 from palpate.learning.checkpoints import load
-from palpate.learning.draws import training_samples
 from palpate.learning.learners import ReconstructionLearner
 from palpate.learning.loop import train
-from palpate.learning.samples import Assembler, Sample, windows
+from palpate.learning.samples import Assembler, Sample, training_samples, windows
 from palpate.models.kriging import touched_points
 from palpate.models.retrieval import Objects
 from tests.learning.conftest import SETTINGS, made_up

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import palpate.store
-from palpate import checksums, provenance
+from palpate import seal
 from palpate.batch import generator
 from palpate.hand import allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
@@ -136,8 +136,7 @@ def build(folder: Path) -> None:
             shape(name).export(mesh_folder / "visual.glb")
             record = {"source": {"scale": "diagonal"}, "scale": SCALE, "diagonal": DIAGONAL}
             (mesh_folder / "mesh.json").write_text(json.dumps(record))
-        (folder / "meshes" / batch / provenance.RECORD).write_text("{}\n")
-        checksums.write_manifest(folder / "meshes" / batch)
+        seal.write(folder / "meshes" / batch)
         kept = [name for name in names if name != REJECTED]
         grasps = {name: grasp(name) for name in kept}
         arrays = {

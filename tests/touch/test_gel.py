@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from palpate.configuration import ConfigError
 from palpate.sensor import load
-from palpate.touch import RayCaster, empty_reading, face_sensor, press_sensor, press_sensors, shade_pressed
+from palpate.touch import RayCaster, empty_reading, face_sensor, press_sensor, press_sensors, sense, shade_pressed
 from palpate.touch.gel import Face, Layer, NotConverged, contact, face, press, response
 
 PIXEL, MODULUS = 1e-4, 1e5  # m, Pa
@@ -368,3 +368,17 @@ def test_a_gel_without_a_material_is_not_pressed():
     for sensor in (load("dome360"), replace(load("digit"), material=None)):
         with pytest.raises(ConfigError, match="can't be pressed: its file needs gel.thickness"):
             press_sensor(np.zeros(sensor.resolution), sensor, 1.0)
+
+
+@pytest.mark.parametrize("name", ("digit", "gelsight_mini"))
+def test_readings_that_are_not_pressed_do_not_depend_on_the_gel(name):
+    """Bit for bit: what a sensor's file says of its gel counts for pressed readings only."""
+    sensor = load(name)
+    bare = replace(sensor, material=None, gel_size=None, gel_sag=0.0)
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.01)
+    mesh.apply_translation((0.031, 0.001, 0.002))
+    one, other = (sense(RayCaster(mesh, sensor=kind), np.zeros((1, 3)), np.eye(3)[None]) for kind in (sensor, bare))
+    assert one.success.all()
+    for array, expected in zip(one, other, strict=True):
+        assert array.tobytes() == expected.tobytes()
+    assert sensor.geometry == bare.geometry  # what grasps are made of

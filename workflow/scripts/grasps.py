@@ -9,7 +9,7 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
-from palpate import grasp, hand, mesh, provenance, store
+from palpate import grasp, hand, mesh, seal, store
 from palpate.batch import each_object, generator
 from palpate.sensor import DIGIT
 
@@ -25,17 +25,19 @@ surface = store.open(snakemake.input.surface)
 made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}}
 if snakemake.params.pressed:
     made_with["touch"] = {"pressed": True}
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), surface.made)
+made_from = seal.combine(made_with, seal.read(meshes), surface.seal)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 
 
 def close_hand(name: str) -> dict:
     visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
     draw = generator(seed, name, "grasps")
-    found = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
-    omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
+    grasps_of_object = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
+    omitted = ", ".join(f"{count:,} {what}" for what, count in grasps_of_object.omitted.items())
     log.info("%s: omitted: %s", name, omitted)
-    return {key: array for key, array in vars(found).items() if snakemake.params.pressed or key != "pad_force"}
+    return {
+        key: array for key, array in vars(grasps_of_object).items() if snakemake.params.pressed or key != "pad_force"
+    }
 
 
 grasps = each_object(points, close_hand, "grasps")

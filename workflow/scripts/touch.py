@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import provenance, store, touch
+from palpate import seal, store, touch
 from palpate.batch import each_object
 from palpate.hand import Hand
 from palpate.scene import GRASP_ARRAYS, Scene
@@ -23,7 +23,7 @@ description = snakemake.params.sensor
 grasps = store.read(snakemake.input.grasps)
 pressed = snakemake.params.pressed
 made_with = {"seed": seed, "touch": {"sensor": description, **({"pressed": True} if pressed else {})}}
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), store.open(snakemake.input.grasps).made)
+made_from = seal.combine(made_with, seal.read(meshes), store.open(snakemake.input.grasps).seal)
 hand = Hand.from_arrays(grasps, prefix="hand/")
 image = snakemake.input.background
 background = read_background(image, description["resolution"]) if image else None

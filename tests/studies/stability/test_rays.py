@@ -34,7 +34,7 @@ def test_holds(name, subject):
 
 def unlimited(self, *arguments):
     """Depth without the sensor's range."""
-    return self._depth(*arguments)
+    return self.block_depth(*arguments)
 
 
 def too_bright(height, normal, kind):
