@@ -10,7 +10,7 @@ from palpate.command import main
 from palpate.configuration import ConfigError
 from palpate.sensor import Sensor, load
 from palpate.touch import shade_pressed
-from palpate.touch.calibration import calibrate, contact_depth, find_circle, press_indenter, read_folder, write_sensor
+from palpate.touch.calibration import calibrate, find_circle, press_indenter, read_folder, write_sensor
 from palpate.touch.gel import Layer, press
 from palpate.touch.pressing import press_sensor
 
@@ -63,6 +63,11 @@ def unlit(sensor: Sensor) -> Sensor:
     return replace(sensor, lights=load("gelsight_mini").lights, background=None)
 
 
+def write_circles(folder, pressed):
+    lines = [f"{n}.png,{at[0]},{at[1]},{made[1]}" for n, (at, made) in enumerate(zip(PRESSES, pressed, strict=True))]
+    (folder / "circles.csv").write_text("\n".join(["image,row,column,radius", *lines]))
+
+
 def test_circles_are_found_within_a_pixel(sensor, pressed):
     for (row, column, _), (indentation, radius, _) in zip(PRESSES, pressed, strict=True):
         change = shade_pressed(indentation, sensor).astype(float) - sensor.background
@@ -74,10 +79,7 @@ def test_circles_are_found_within_a_pixel(sensor, pressed):
 def test_the_known_lights_come_back(sensor, pressed, folder, circles, degrees, share):
     """With circles that are found, lights take up what their errors do: one is at most a pixel of 13."""
     if circles == "given":
-        lines = [
-            f"{n}.png,{at[0]},{at[1]},{made[1]}" for n, (at, made) in enumerate(zip(PRESSES, pressed, strict=True))
-        ]
-        (folder / "circles.csv").write_text("\n".join(["image,row,column,radius", *lines]))
+        write_circles(folder, pressed)
     found = calibrate(folder, unlit(sensor), BALL)
     lights = sorted(found.sensor.lights, key=lambda light: np.argmax(light["colour"]))
     assert len(lights) == len(LIGHTS)
@@ -90,9 +92,12 @@ def test_the_known_lights_come_back(sensor, pressed, folder, circles, degrees, s
 
 
 @pytest.mark.parametrize("table", [False, True])
-def test_the_written_sensor_reads_what_the_fit_predicted(sensor, folder, tmp_path, table):
+def test_the_written_sensor_reads_what_the_fit_predicted(sensor, pressed, folder, tmp_path, table):
+    """Lights also with circles that are found. A table takes up their errors where four images are few: 1.9 then."""
+    if table:
+        write_circles(folder, pressed)
     found = calibrate(folder, unlit(sensor), BALL, table=table)
-    assert found.error[~found.fitted].mean() < 2 < 5 < found.untouched_error.mean()
+    assert found.error[~found.fitted].mean() < 1 < 5 < found.untouched_error.mean()
     write_sensor(found.sensor, tmp_path / "own/mine.yaml")
     mine = load(str(tmp_path / "own/mine.yaml"))
     assert (mine.size, mine.resolution, mine.material) == (sensor.size, sensor.resolution, sensor.material)
@@ -102,14 +107,18 @@ def test_the_written_sensor_reads_what_the_fit_predicted(sensor, folder, tmp_pat
     assert Sensor.from_description(mine.description(), mine.background).lights == mine.lights  # as a store keeps it
 
 
-def test_a_press_of_a_stated_force_reads_as_the_real_image(sensor, folder, tmp_path):
-    """The whole way of a reading: depth of rays, press by force, light of the written file."""
+def test_a_press_of_a_stated_force_reads_as_the_real_image(sensor, pressed, folder):
+    """The whole way of a reading: depth of rays, press by force, light of the written file.
+
+    With circles that are given; circles that are found are up to 0.9 pixels too wide, which makes it 0.5.
+    """
+    write_circles(folder, pressed)
     found = calibrate(folder, unlit(sensor), BALL)
     row, column, force = PRESSES[1]
     depth = BALL - np.sqrt(np.maximum(BALL**2 - away(sensor, row, column) ** 2, 0))
     reading = press_sensor(np.where(away(sensor, row, column) < BALL, depth, np.inf), found.sensor, force).reading
     real = np.asarray(Image.open(folder / "1.png")).astype(float)
-    assert np.abs(reading - real).mean() < 0.5
+    assert np.abs(reading - real).mean() < 0.2
 
 
 def test_depths_and_punches_are_taken_from_the_table(sensor, pressed, folder):
@@ -127,13 +136,20 @@ def test_depths_and_punches_are_taken_from_the_table(sensor, pressed, folder):
     assert [found.indentations[-1].row, found.indentations[-1].column] == pytest.approx([row, column], abs=1)
 
 
-def test_a_circle_states_the_depth_of_hertz():
+def test_a_circle_states_the_depth_of_hertz(tmp_path):
     """On a layer much thicker than the contact: depth = radius^2 / ball; a thin one resists, and needs less."""
-    thick, radius = Layer(0.05, 1e5, 0.48), 2e-4
-    assert contact_depth(radius, 0.01, thick) == pytest.approx(radius**2 / 0.01, rel=0.04)
-    assert contact_depth(2e-3, 0.01, thick._replace(thickness=1e-3)) < 0.8 * 2e-3**2 / 0.01
+    indentation = read_one(tmp_path)._replace(row=15.5, column=15.5, radius=8.0, ball_radius=0.01)
+
+    def depth(radius: float, thickness: float, ball: float = 0.01) -> float:
+        own = {"height": 4 * radius, "width": 4 * radius, "resolution": (32, 32)}
+        material = {"thickness": thickness, "shear_modulus": 1e5, "poisson": 0.48}
+        layer = replace(load("gelsight_mini"), material=material, gel_size=None, **own)
+        return press_indenter(indentation._replace(ball_radius=ball), layer)[0].max()
+
+    assert depth(2e-4, 0.01) == pytest.approx(2e-4**2 / 0.01, rel=0.04)
+    assert depth(2e-3, 0.001) < 0.8 * 2e-3**2 / 0.01
     with pytest.raises(ValueError, match="is no contact of a ball of radius 1 mm"):
-        contact_depth(1.2e-3, 1e-3, thick)
+        depth(1.2e-3, 0.05, 1e-3)
 
 
 def test_a_convex_face_is_pressed_along_its_normal(sensor, pressed, tmp_path):
