@@ -5,7 +5,8 @@ and the lights' positions, which it does not give, are the sensor's (`palpate/se
 metres, so that normals are true; the supplement has x and y in sensor widths.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -98,8 +99,8 @@ def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.nd
 
 def light_of(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     """The light (..., r, c, 3) float32 of which `lit` makes readings, grey levels, neither rounded nor clipped."""
-    if sensor.colour_table:
-        return _table_light(normal, sensor)
+    if table := sensor.colour_table:
+        return _table_light(normal, table, sensor)
     rows, columns = (centres.astype(np.float32) for centres in sensor.pixel_centres)
     light = np.zeros((*height.shape, 3), dtype=np.float32)
     for place, colour, far in sensor.lamps:
@@ -114,9 +115,8 @@ def light_of(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> 
     return light
 
 
-def _table_light(normal: np.ndarray, sensor: Sensor) -> np.ndarray:
+def _table_light(normal: np.ndarray, table: Mapping[str, Any], sensor: Sensor) -> np.ndarray:
     """Light (..., r, c, 3) by a sensor's polynomial of the normal, whose coefficients change over the image."""
-    table = sensor.colour_table
     columns, rows = np.meshgrid(*(np.linspace(-1, 1, n, dtype=np.float32) for n in sensor.resolution[::-1]))
     over_image = np.stack(list(monomials(columns, rows, table["place"], 0)), axis=-1)
     over_normal = list(monomials(*flattened(normal, table["steepest"]), table["normal"], 1))
