@@ -40,7 +40,7 @@ class Sensor:
     gel_face: float  # from the sensor plane to the face that the hand has there, at which contact stops it
     # `angles` (degrees, of the red, green and blue light around the sensor's axis, from y to z), `radius` and `height`
     # above the plane at `range`, towards the sensor plane; or a list of lights with a `colour` and a `position` (y, z,
-    # that height) or a `direction` that they are in.
+    # that height) or a `direction` that they are in; or a table of colours over normals: `colour_table`.
     lights: Mapping[str, Any] | Sequence[Mapping[str, Any]]
     diffuse: float  # lambda, grey levels of a surface that faces a light
     smoothing: Mapping[str, Any] | None = None  # `pyramid`, `last`, `held`: `palpate.touch.shading.smoothed`
@@ -115,7 +115,9 @@ class Sensor:
     @cached_property
     def lamps(self) -> list[tuple[np.ndarray, np.ndarray, bool]]:
         """The lights: place (y, z, height above the plane at `range`) in metres, or direction if it is far; colour, of
-        which 1 is `diffuse` grey levels; whether it is far."""
+        which 1 is `diffuse` grey levels; whether it is far. None if there is a colour table."""
+        if self.colour_table:
+            return []
         if not isinstance(self.lights, Mapping):
             places = [np.array(light.get("position") or light["direction"], dtype=float) for light in self.lights]
             colours = [np.array(light["colour"], dtype=float) for light in self.lights]
@@ -124,6 +126,16 @@ class Sensor:
         radius, height = self.lights["radius"], self.lights["height"]
         places = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, height)], axis=1)
         return list(zip(places, np.eye(3), [False] * 3, strict=True))
+
+    @property
+    def colour_table(self) -> Mapping[str, Any] | None:
+        """Colours over normals that stand for the lights, or None.
+
+        `polynomial`: rows of red, green and blue, 1 for `diffuse` grey levels, of the monomials of degree 1 to `normal`
+        in the normal's y and z, times those of degree 0 to `place` in the pixel's y and z (-1 to 1 over the image).
+        `steepest`: length of the normal's (y, z) beyond which the colour stays.
+        """
+        return self.lights if isinstance(self.lights, Mapping) and "polynomial" in self.lights else None
 
     @property
     def geometry(self) -> dict[str, Any]:
@@ -186,6 +198,10 @@ class Sensor:
         for number, light in enumerate(description["lights"] if isinstance(description["lights"], list) else []):
             if ("position" in light) == ("direction" in light) or not np.any(light.get("direction", 1)):
                 raise ConfigError(f"{what}: lights.{number}: expected a position, or a direction that is not 0")
+        if table := sensor.colour_table:
+            count = (table["normal"] * (table["normal"] + 3) // 2) * ((table["place"] + 1) * (table["place"] + 2) // 2)
+            if len(table["polynomial"]) != count:
+                raise ConfigError(f"{what}: lights.polynomial: expected {count} rows, got {len(table['polynomial'])}")
         if not all(far or place[2] >= sensor.range for place, _, far in sensor.lamps):
             raise ConfigError(f"{what}: lights.height must be range or more: no surface in range above the lights")
         return sensor
