@@ -184,6 +184,15 @@ def whole_numbers(values: Any) -> Any:
     return int(values) if isinstance(values, float) and values.is_integer() and abs(values) < 2**53 else values
 
 
+def in_order(values: Any, order: Any) -> Any:
+    """Nested dictionaries with their keys in the order of another's; keys that it lacks come after them, by name."""
+    if not isinstance(values, dict):
+        return values
+    known = order if isinstance(order, dict) else {}
+    keys = [*filter(values.__contains__, known), *sorted(set(values) - set(known))]
+    return {key: in_order(values[key], known.get(key)) for key in keys}
+
+
 @cache
 def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
     """The validator of a schema file."""
