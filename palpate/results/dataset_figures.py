@@ -19,7 +19,7 @@ from palpate.camera import Camera, looking_at
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_geometry
 from palpate.results import products
 from palpate.results.hand_sheet import posed_geoms
-from palpate.results.page import COLOURS, figure_image, picture_grid, save, save_sentence
+from palpate.results.page import COLOURS, next_page, picture_grid, save, save_animation, save_sentence
 from palpate.scene import Scene
 
 if TYPE_CHECKING:
@@ -125,14 +125,8 @@ def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int =
         picture.imshow(image)
         for sensor, panel in enumerate(readings):
             _draw_reading(panel, frames.reading[number, sensor], frames.success[number, sensor], sensor)
-        pages.append(figure_image(figure))
-        figure.set_layout_engine("none")  # all pages are laid out as the first is
-        for panel in figure.axes:
-            panel.images[0].remove()
-    palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
-    first, *others = (page.quantize(palette=palette) for page in pages)
-    times = [PAUSE] * len(others) + [REST]
-    first.save(path, "GIF", save_all=True, append_images=others, duration=times, loop=0, optimize=True)
+        pages.append(next_page(figure))
+    save_animation(pages, path, PAUSE, REST)
 
 
 def example_grasp(dataset: Dataset) -> GraspRecord | None:

@@ -97,6 +97,23 @@ def figure_image(figure: Figure) -> Image:
     return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
 
+def next_page(figure: Figure) -> Image:
+    """A page of an animation, RGB: the figure as it is. Its pictures are then removed, and its layout stays."""
+    page = figure_image(figure)
+    figure.set_layout_engine("none")  # all pages are laid out as the first is
+    for panel in figure.axes:
+        panel.images[0].remove()
+    return page
+
+
+def save_animation(pages: Sequence[Image], path: Path | str, pause: int, rest: int) -> None:
+    """Write pages as a GIF that repeats; pause, rest: ms that a page is shown, and the last one."""
+    palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
+    first, *others = (page.quantize(palette=palette) for page in pages)
+    times = [pause] * len(others) + [rest]
+    first.save(path, "GIF", save_all=True, append_images=others, duration=times, loop=0, optimize=True)
+
+
 @styled
 def save_sentence(sentence: str, path: Path | str) -> None:
     """A figure that only states which data are missing."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.results import products
 from palpate.results.bootstrap import ratio_interval
-from palpate.results.page import figure_image, picture_grid, save, save_sentence
+from palpate.results.page import next_page, picture_grid, save, save_animation, save_sentence
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -113,14 +113,8 @@ def pressing(dataset: Dataset, path: Path | str) -> None:
         for film, (reading, pressure) in zip(films, axes.T, strict=True):
             reading.imshow(film.reading[number])
             pressure.imshow(film.pressure[number], cmap="Reds", vmin=0, vmax=film.pressure.max())
-        pages.append(figure_image(figure))
-        figure.set_layout_engine("none")  # all pages are laid out as the first is
-        for panel in figure.axes:
-            panel.images[0].remove()
-    palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
-    first, *others = (page.quantize(palette=palette) for page in pages)
-    times = [PAUSE] * len(others) + [REST]
-    first.save(path, "GIF", save_all=True, append_images=others, duration=times, loop=0, optimize=True)
+        pages.append(next_page(figure))
+    save_animation(pages, path, PAUSE, REST)
 
 
 def example_presses(dataset: Dataset) -> list[PressRecord]:
