@@ -42,11 +42,10 @@ if not options.default_storage_provider:
     workdir: RUN_FOLDER
 
 
-# Simulated stages of the dataset; a released one is read.
-SIMULATED = ["meshes", "surface", "grasps", "touch", "frames", "hold", "vision", "reports"]
-MODELS = ["reconstruction", "touch_charts", "templates", "evaluation"]
-RESULTS = ["products", "results", "known_targets", "targets"]
-for name in ["catalogue", *(["released"] if RELEASED else SIMULATED), *MODELS, *RESULTS]:
+# A file a stage, by its name, in the order of palpate/stages.yaml. Of a released dataset, which is read, those of models.
+STAGE_RULES = [name for name, row in stages.STAGES.items() if not (RELEASED and (row.in_dataset or row.simulated))]
+RESULTS = ["evaluation", "products", "results", "known_targets", "targets"]
+for name in ["catalogue", "released" if RELEASED else "reports", "reconstruction", *STAGE_RULES, *RESULTS]:
 
     include: f"workflow/rules/{name}.smk"
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from palpate.learning.reconstruct import Reconstructor, reconstruct
     from palpate.store import StoreError
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 __all__ = ["Dataset", "Reconstructor", "StoreError", "__version__", "reconstruct"]
 
 # Public names, and the modules that they are imported from when they are used.

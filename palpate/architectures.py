@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from palpate.configuration import plain, read_yaml
 from palpate.experiments import Experiment
 
 ATLAS_RADIUS = 0.26  # m, of the initial sphere, around the object's centre (the published atlas)
 FAILED_CHARTS = ("free", "fixed")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class Architecture:
     deformations: int = 3
     radius: float = ATLAS_RADIUS
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.failed_charts not in FAILED_CHARTS:
             raise ValueError(f"failed_charts {self.failed_charts!r}; must be {' or '.join(FAILED_CHARTS)}")
         if self.deformations < 1:
@@ -92,6 +93,13 @@ class Architecture:
         return cls(**dict(row) | {name: part(**row[name]) for name, part in parts.items() if row.get(name)})
 
     row = plain
+
+
+def required(value: Value | None, name: str) -> Value:
+    """An option of an architecture. Raises ValueError, naming it, if it has none."""
+    if value is None:
+        raise ValueError(f"the architecture has no {name}, which this model needs")
+    return value
 
 
 _ROWS = read_yaml(Path(__file__).with_suffix(".yaml"))

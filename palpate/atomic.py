@@ -9,50 +9,63 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from palpate.checksums import sidecar, write_sidecar
+from palpate import seal
 
 # `.partial-<machine>~<process>~<random>-<name>`, and the same with `replaced`: no two writers share one.
 TEMPORARY = re.compile(r"\.(?:partial|replaced)-(?P<machine>[^~]*)~(?P<process>\d+)~[0-9a-f]+-(?P<name>.+)")
 
 
 @contextmanager
-def atomic_write(path: Path | str, checksum: bool = False) -> Iterator[Path]:
+def atomic_write(path: Path | str, made_from: seal.MadeFrom | None = None) -> Iterator[Path]:
     """A temporary path beside `path` for a file or a folder, renamed to `path` when the block succeeds.
 
     The temporary name is this writer's own, and keeps the suffix, because many writers go by it. Whatever stood
     at `path` is replaced. What killed processes of this machine left of the same path is removed first.
-    checksum: keep the file's checksum beside it, which `palpate.checksums.read_text` reads it by.
+    made_from: seal the output (`palpate.seal`), with what it was made from. Both are written before anything is
+    renamed, and no file ever is where the seal beside it is of another.
     If the block raises, `path` is as it was before. Raises FileNotFoundError if the block wrote nothing.
     """
     path = Path(path)
+    mark = seal.beside(path)
     owner = f"{machine()}~{os.getpid()}~{secrets.token_hex(4)}"
-    partial = path.with_name(f".partial-{owner}-{path.name}")
-    replaced = path.with_name(f".replaced-{owner}-{path.name}")
+    partial, replaced = (path.with_name(f".{what}-{owner}-{path.name}") for what in ("partial", "replaced"))
+    partial_mark = path.with_name(f".partial-{owner}-{mark.name}")
     path.parent.mkdir(parents=True, exist_ok=True)
     for name in os.listdir(path.parent):
         match = TEMPORARY.fullmatch(name)
-        if match and match["name"] == path.name and match["machine"] == machine() and not is_alive(match["process"]):
+        if not match or match["name"] not in (path.name, mark.name):
+            continue
+        if match["machine"] == machine() and not is_alive(match["process"]):
             remove(path.parent / name)
     try:
         yield partial
         if not os.path.lexists(partial):
             raise FileNotFoundError(f"{path}: nothing was written to its temporary path {partial}")
-        if os.path.lexists(path) and (path.is_dir() or partial.is_dir()):  # renaming replaces files only
+        if made_from is not None:
+            seal.write(partial, made_from, name=path.name, place=partial_mark)
+        # Renaming replaces files only. Of a file with a seal beside it, the old one goes before the new seal comes.
+        if os.path.lexists(path) and (path.is_dir() or partial.is_dir() or mark.exists() or partial_mark.exists()):
             os.replace(path, replaced)
-        sidecar(path).unlink(missing_ok=True)  # first: a file is never beside the checksum of another
+        if partial_mark.exists():
+            os.replace(partial_mark, mark)
+        else:
+            mark.unlink(missing_ok=True)
         os.replace(partial, path)
-        if checksum:
-            write_sidecar(path)
     finally:
-        remove(partial)
-        remove(replaced)
+        for temporary in (partial, partial_mark, replaced):
+            remove(temporary)
 
 
-def write_if_changed(path: Path, text: str, checksum: bool = False) -> None:
-    """Write a text file atomically, unless it holds this text already."""
-    if not path.is_file() or path.read_text(encoding="utf-8", errors="replace") != text:
-        with atomic_write(path, checksum) as partial:
-            partial.write_text(text, encoding="utf-8")
+def write_if_changed(path: Path, text: str, made_from: seal.MadeFrom | None = None) -> None:
+    """Write a text file atomically, unless it holds this text already; made_from: with a seal, unless it has that."""
+    try:
+        same = path.read_text(encoding="utf-8", errors="replace") == text
+        if same and (made_from is None or seal.verify(path).made_from == made_from):
+            return
+    except (OSError, seal.DamagedFile):
+        pass
+    with atomic_write(path, made_from) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def machine() -> str:

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from palpate.checksums import DamagedFile, read_rows
-from palpate.rebuild_command import rebuild_advice
+from palpate.seal import DamagedFile
+from palpate.text_files import read_rows
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +36,8 @@ class UnusableObject(ValueError):
 
 
 class Rejection(NamedTuple):
+    """An object that a stage could not use: a row of `rejected.csv`."""
+
     object: str
     stage: str
     reason: str
@@ -109,7 +111,7 @@ def each_object(
     Returns the results by object, in order, and the rejections. The message of `UnusableObject` is the reason; the
     traceback of any other exception goes to the log too. Before it counts, memory is checked (`require_memory`).
 
-    Raises OSError, `palpate.checksums.DamagedFile`, and MemoryError, also for an engine's own words for it: a full disk
+    Raises OSError, `palpate.seal.DamagedFile`, and MemoryError, also for an engine's own words for it: a full disk
     says nothing about the object, which is tried again when the stage is.
     """
     objects = list(objects)
@@ -135,6 +137,7 @@ def each_object(
 
 
 def _twice_if_in_doubt(function: Callable[[str], Any], name: str) -> Any:
+    """The function's result for an object; tried again if a failure may be lack of memory."""
     try:
         return function(name)
     except (UnusableObject, OSError, DamagedFile):
@@ -153,7 +156,7 @@ def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
     """The rejections in files that `write_rejections` wrote, in order. Raises `DamagedFile` for a bad file."""
     rejections = []
     for path in map(Path, paths):
-        rows = read_rows(path, Rejection._fields, rebuild_advice(path))
+        rows = read_rows(path, Rejection._fields)
         rejections += [Rejection(*(row[field] for field in Rejection._fields)) for row in rows]
     return rejections
 

@@ -5,7 +5,7 @@ An image is `size` pixels wide and high, row 0 at the top. Pixel (row r, column 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ POSITION = (0.972, 0.461, 0.974)  # m
 ROTATION = (70.458, 4.940, 113.540)  # degrees, as `euler_rotation` takes them
 FOCAL_LENGTH = 406.595  # pixels of an image of `IMAGE_SIZE`; not in the paper: of its published projection matrix
 IMAGE_SIZE = 256  # pixels, the width and height of the dataset's images
+
+Vector = Sequence[float] | np.ndarray  # (3,)
 
 # A Blender camera looks along its -z with +y up; image coordinates have y down and z into the scene.
 IMAGE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
@@ -39,9 +41,10 @@ class Camera:
         turn, focal_length = np.asarray(extrinsics)[:, :3], float(intrinsics[0][0])
         camera = cls(-turn.T @ np.asarray(extrinsics)[:, 3], turn.T @ IMAGE_FROM_CAMERA, focal_length, size)
         if not (focal_length > 0 and np.allclose(intrinsics, camera.intrinsics(), atol=1e-6 * size)):
-            found = np.asarray(intrinsics).tolist()
-            expected = "expected square pixels and the principal point at the image's centre"
-            raise ValueError(f"intrinsics {found} of an image of {size} pixels: {expected}")
+            raise ValueError(
+                f"intrinsics {np.asarray(intrinsics).tolist()} of an image of {size} pixels: expected square pixels "
+                "and the principal point at the image's centre"
+            )
         return camera
 
     def intrinsics(self) -> np.ndarray:
@@ -101,13 +104,15 @@ def paper_focal_length(size: int) -> float:
     return FOCAL_LENGTH * size / IMAGE_SIZE
 
 
-def euler_rotation(angles) -> np.ndarray:
+def euler_rotation(angles: Iterable[float]) -> np.ndarray:
     """(3, 3) rotation of Euler angles (3,) in degrees as Blender applies them: about fixed x, then y, then z."""
     about_x, about_y, about_z = (rotation_about(axis, np.radians(angle)) for axis, angle in enumerate(angles))
     return about_z @ about_y @ about_x
 
 
-def looking_at(target, position, size: int = IMAGE_SIZE, field_of_view: float = 34.95, up=(0.0, 0.0, 1.0)) -> Camera:
+def looking_at(
+    target: Vector, position: Vector, size: int = IMAGE_SIZE, field_of_view: float = 34.95, up: Vector = (0.0, 0.0, 1.0)
+) -> Camera:
     """A camera at `position` (3,) that looks at `target` (3,); angle in degrees. ValueError if it is along `up`."""
     position = np.asarray(position, dtype=float)
     back = position - np.asarray(target, dtype=float)

@@ -98,7 +98,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     entries = catalogue.scan(source, classes)
     for entry in entries:
         checked(f"{source.path}/{entry.source}")
-    batches = catalogue.read_batches(folder, config["batch_size"], len(entries))
+    batch_size, places = catalogue.read_batches(folder, config["batch_size"], len(entries))
     grasps = config["grasps"]
     own = grasps["hand"]
     hand = HandFiles(absolute(own["mjcf"], project), absolute(own["sensors"], project)) if own else None
@@ -106,6 +106,8 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     for path in hand or ():
         if not Path(path).is_file():
             raise ConfigError(f"config grasps.hand: {path}: no such file")
+    if config["touch"]["pressed"] or config["press"]["count"]:
+        touch_sensor.require_material()
     frames, states = config["frames"], round(DURATION / grasps["timestep"]) + 1
     contradictions = {
         "grasps: attempts must be at least per_object": grasps["per_object"] > grasps["attempts"],
@@ -118,13 +120,15 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
             "touch.sensor: released data are of the DIGIT: leave it `digit`": touch_sensor.geometry
             != sensor.DIGIT.geometry,
             "hold: released data have no grasps that could be tested: set test to false": config["hold"]["test"],
+            "touch.pressed: released data have no forces: set it to false": config["touch"]["pressed"],
+            "press: released data have no meshes that could be pressed: set count to 0": config["press"]["count"],
             "frames: released data have no grasps that could be closed again: set count to 0": frames["count"],
             "vision.cameras: released data have the paper's camera: set it to null": config["vision"]["cameras"],
         }
     for message, holds in contradictions.items():
         if holds:
             raise ConfigError(f"config {message}")
-    return Settings(folder, source, classes, entries, *batches, hand, touch_sensor, experiments, recipe)
+    return Settings(folder, source, classes, entries, batch_size, places, hand, touch_sensor, experiments, recipe)
 
 
 say = partial(print, flush=True)
@@ -172,10 +176,10 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
         for class_name, trials in _examples(looks, name).items():
             if pictures and time.monotonic() - start > EXAMPLE_SECONDS:
                 break
-            for each in trials:
-                say(f"{each.entry.object}, through every stage:")
+            for trial in trials:
+                say(f"{trial.entry.object}, through every stage:")
                 try:
-                    made = make_example(each.entry, root, config, settings.sensor, hand, Path(scratch))
+                    made = make_example(trial.entry, root, config, settings.sensor, hand, Path(scratch))
                     pictures |= {f"{class_name}: {title}": picture for title, picture in made.items()}
                     break
                 except UnusableObject as error:
@@ -212,8 +216,8 @@ def object_lines(settings: Settings, config: Mapping[str, Any], checksums: Mappi
         yield f"    {_advice(same[0], source)}"
     if config["classes"] == "all" and source.has_class_folders and not source.pattern:
         folders = source.class_folders(Path(source.path))
-        without = [each for each in folders if source.class_of(each) not in settings.classes]
-        yield from (f"  no class: {each} (no mesh in it)" for each in without)
+        without = [folder for folder in folders if source.class_of(folder) not in settings.classes]
+        yield from (f"  no class: {folder} (no mesh in it)" for folder in without)
     yield from (f"  {line}" for line in (*catalogue.unread_lines(source), *_unlike_lines(settings)))
     try:
         catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables")
@@ -240,9 +244,9 @@ def _advice(files: Sequence[str], source: Source) -> str:
     """How to take the first of some files that show the same, and no other."""
     first, *others = map(Path, files)
     start, last = "{class}/" if source.has_class_folders else "", ""
-    if first.suffix not in {each.suffix for each in others}:
+    if first.suffix not in {other.suffix for other in others}:
         last = f"*{first.suffix}"
-    elif first.name not in {each.name for each in others}:
+    elif first.name not in {other.name for other in others}:
         last = first.name
     advice = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; ' if last else ""
     return f"{advice}a line `{others[0]},yes` of source.objects (path,exclude) leaves a file out"
@@ -250,13 +254,13 @@ def _advice(files: Sequence[str], source: Source) -> str:
 
 def _unlike_lines(settings: Settings) -> Iterator[str]:
     """Lines on mesh files, on some of many, that are something else by their content: a page, another format."""
-    found = defaultdict(list)
+    unlike = defaultdict(list)
     entries = settings.entries[:: 1 + len(settings.entries) // MOST_READ] if settings.source.kind in LAYOUTS else ()
     for file in (file for entry in entries for file in (entry.source, *entry.others)):
         path = Path(settings.source.path, file)
         if not named_files.unusable(path) and path.is_file() and (what := what_it_is(path)):
-            found[what].append(file)
-    for what, files in found.items():
+            unlike[what].append(file)
+    for what, files in unlike.items():
         yield f"{len(files)} x {what} ({catalogue.listed(files, NAMED)})"
 
 
@@ -280,24 +284,24 @@ def _opened(settings: Settings, name: str | None, seed: int, root: Path) -> list
 
     root: of the sources; procedural ones are written into it.
     """
-    by_class = ([each for each in settings.entries if each.class_name == kind] for kind in settings.classes)
-    turns = [each for turn in zip_longest(*by_class) for each in turn if each]
-    known = [each.object for each in turns]
+    by_class = ([entry for entry in settings.entries if entry.class_name == kind] for kind in settings.classes)
+    turns = [entry for turn in zip_longest(*by_class) for entry in turn if entry]
+    known = [entry.object for entry in turns]
     if name and name not in known:
         raise ConfigError(f"no object {name!r} in this run; its objects are {catalogue.listed(known)}")
-    turns.sort(key=lambda each: each.object != name)
+    turns.sort(key=lambda entry: entry.object != name)
     if settings.source.kind == "procedural":  # all sound, and they have to be made first
         from palpate import shapes
 
         turns = turns[: max(TRIED, min(len(settings.classes), EXAMPLES))]
-        for each in turns:
-            (root / each.class_name).mkdir(exist_ok=True)
-            shapes.write(each.class_name, int(each.object.rpartition("-")[2]), root / each.source, seed)
+        for entry in turns:
+            (root / entry.class_name).mkdir(exist_ok=True)
+            shapes.write(entry.class_name, int(entry.object.rpartition("-")[2]), root / entry.source, seed)
         return turns
     turns = turns[:MOST_OPENED]
-    files = [root / each.source for each in turns]  # one that is missing is reported later
+    files = [root / entry.source for entry in turns]  # one that is missing is reported later
     totals = accumulate(path.stat().st_size if path.is_file() else 0 for path in files)
-    return [each for each, total in zip(turns, totals, strict=True) if each is turns[0] or total <= MOST_BYTES]
+    return [entry for entry, total in zip(turns, totals, strict=True) if entry is turns[0] or total <= MOST_BYTES]
 
 
 def look(entry: SourceObject, root: Path) -> Look:
@@ -325,18 +329,18 @@ def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[
     if not area:
         raise UnusableObject(f"{path}: none of its {len(faces)} triangles has an area: export its surface")
     size(path, extent, scale, unit)
-    return extent, len(faces), missing, [float(each) / extent for each in (*sides, area**0.5)]
+    return extent, len(faces), missing, [float(length) / extent for length in (*sides, area**0.5)]
 
 
 def _examples(looks: Sequence[Look], name: str | None) -> dict[str, list[Look]]:
-    """Of each of some classes the meshes that are tried for an example, those of the fewest faces first, and none that
-    are for collisions only; name: of the object that was asked for."""
-    found: dict[str, list[Look]] = defaultdict(list)
-    for each in sorted(looks, key=lambda each: each.faces):
-        is_asked = name == each.entry.object
-        if not each.problem and (is_asked or not name and not catalogue.is_collision(each.entry.source)):
-            found[each.entry.class_name].append(each)
-    return {class_name: found[class_name][:TRIED] for class_name in list(found)[:EXAMPLES]}
+    """The meshes of some classes that are tried for an example, those of the fewest faces first, and none that are for
+    collisions only; name: of the object that was asked for."""
+    by_class: dict[str, list[Look]] = defaultdict(list)
+    for opened in sorted(looks, key=lambda opened: opened.faces):
+        entry = opened.entry
+        if not opened.problem and (entry.object == name or not name and not catalogue.is_collision(entry.source)):
+            by_class[entry.class_name].append(opened)
+    return {class_name: by_class[class_name][:TRIED] for class_name in list(by_class)[:EXAMPLES]}
 
 
 def mesh_lines(
@@ -345,30 +349,30 @@ def mesh_lines(
     """What opened meshes lack, their sizes with a hint at their unit, those that can't be used, and copies."""
     from palpate.mesh import LARGEST
 
-    sound = [each for each in looks if not each.problem]
+    sound = [opened for opened in looks if not opened.problem]
     share = "" if len(looks) == len(settings.entries) else f" of {len(settings.entries)}"
     yield f"opened {len(looks)}{share} meshes, of which {len(sound)} can be used"
     if sound:
-        extents, faces = sorted(each.extent for each in sound), [each.faces for each in sound]
+        extents, faces = sorted(opened.extent for opened in sound), [opened.faces for opened in sound]
         sizes = (
             f"{extents[0]:.3g} to {extents[-1]:.3g} units of the file across, {min(faces):,} to {max(faces):,} faces"
         )
         yield f"  {sizes}; scale {settings.source.scale}, up {settings.source.up}"
         if extents[len(extents) // 2] > LARGEST and settings.source.scale == "diagonal":
             yield "  units look like millimetres or centimetres: `source: {scale: 0.001}`, or 0.01, would keep sizes"
-    for each in looks:
-        yield from (f"  {each.entry.object}: {name}: {what}" for name, what in each.missing.items())
-        if each.problem:
-            yield f"  {each.entry.object} can't be used: {each.problem}"
+    for opened in looks:
+        yield from (f"  {opened.entry.object}: {name}: {what}" for name, what in opened.missing.items())
+        if opened.problem:
+            yield f"  {opened.entry.object} can't be used: {opened.problem}"
     if settings.source.kind not in LAYOUTS:
         return
-    groups = catalogue.copies(checksums, {each.entry.object: each.shape for each in sound})
+    groups = catalogue.copies(checksums, {opened.entry.object: opened.shape for opened in sound})
     splits = catalogue.splits_of(settings.entries, config["split"], config["seed"], groups)
     if groups:
         files = {entry.object: entry.source for entry in settings.entries}
         yield from (f"  {line}" for line in catalogue.copy_lines(groups, checksums, splits))
         yield f"    {_advice([files[name] for name in groups[0]], settings.source)}"
-    if hulls := [each.object for each in settings.entries if catalogue.is_collision(each.source)]:
+    if hulls := [entry.object for entry in settings.entries if catalogue.is_collision(entry.source)]:
         yield f"  {len(hulls)} objects have a collision mesh only, by its name ({catalogue.listed(hulls, NAMED)})"
 
 
@@ -384,12 +388,7 @@ def sensor_lines(hand: Hand, touch_sensor: Sensor) -> Iterator[str]:
 
 
 def make_example(
-    entry: SourceObject,
-    root: Path,
-    config: Mapping[str, Any],
-    touch_sensor: Sensor,
-    hand: Hand,
-    scratch: Path,
+    entry: SourceObject, root: Path, config: Mapping[str, Any], touch_sensor: Sensor, hand: Hand, scratch: Path
 ) -> dict[str, np.ndarray]:
     """Take an object through every stage, with one grasp and small images, as the run would, and print what came out.
 
@@ -410,17 +409,22 @@ def make_example(
     vision = scene.draw(config["vision"], seed, name)
     look = {key: getattr(scene, key)(vision) for key in ("lights", "background")}
     made, readings = scene.Scene(folder, **look), {}
-    one = {key: value for key, value in config["grasps"].items() if key != "hand"} | {"per_object": 1, "attempts": 1}
+    chosen = ("hand", "placement", "object", "grip", "keep")
+    one = {key: value for key, value in config["grasps"].items() if key not in chosen}
+    one |= {"per_object": 1, "attempts": 1, "grasper_type": grasp.grasper_type(config["grasps"], config["hold"])}
     try:
         rng = generator(seed, name, "grasps")
-        found = grasp.grasp_object(visual, collision, points, hand, rng, sensor=touch_sensor, **one)
-        made = scene.Scene.from_grasps(folder, {key: getattr(found, key) for key in scene.GRASP_ARRAYS}, hand, **look)
+        grasps = grasp.grasp_object(visual, collision, points, hand, rng, sensor=touch_sensor, **one)
+        made = scene.Scene.from_grasps(folder, {key: getattr(grasps, key) for key in scene.GRASP_ARRAYS}, hand, **look)
         sensed = touch.sense_scene(made, touch.scene_tracer(made, touch_sensor))
         filled = fill_untouched(sensed.reading[0], sensed.success[0], touch.empty_reading(touch_sensor))
         for sensor_name, reading, on in zip(hand.sensor_names, filled, sensed.success[0], strict=True):
             readings[sensor_name if on else f"{sensor_name}: no touch"] = reading
-        attempts = f"{found.attempts} attempt{'s' * (found.attempts != 1)}"
+        attempts = f"{grasps.attempts} attempt{'s' * (grasps.attempts != 1)}"
         say(f"  grasp after {attempts}, {sensed.success.sum()} of {sensed.success.size} sensors touch")
+        if "sensor_force" in grasps.more:
+            pressed = zip(hand.sensor_names, grasps.more["sensor_force"][0], strict=True)
+            say(f"  on the object, N: {', '.join(f'{name} {force:.1f}' for name, force in pressed)}")
     except UnusableObject as error:
         say(f"  no grasp: {error}")
     small = {**vision, **{key: min(vision[key], most) for key, most in IMAGE.items()}}

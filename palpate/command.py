@@ -6,9 +6,11 @@ palpate info results/mine               what a run holds
 palpate validate results/mine           every file and array against what it should be
 palpate reconstruct results/mine charts_occluded_touch mug-01 --output mug.ply
 palpate export results/mine shared      the run as WebDataset, or as Parquet and images, with a data card
+palpate calibrate images --ball 0.004 --sensor mine.yaml    a real sensor's light, from images of a pressed ball
 """
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -30,13 +32,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
     for name, command in COMMANDS.items():
         own = commands.add_parser(name, help=command.help, description=f"{command.help.capitalize()}.")
-        if name != "check":
+        if name not in ("check", "calibrate"):
             own.add_argument("run", type=Path, help="the run's folder, for example results/default")
         for argument, options in command.arguments.items():
             own.add_argument(argument, **options)
     args = parser.parse_args(arguments)
     try:
-        return COMMANDS[args.command].run(args)
+        status = COMMANDS[args.command].run(args)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # what reads the output has ended, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python flushes at its end
+        return 1
     except (ValueError, LookupError, OSError, ImportError) as error:
         print(error_message(error), file=sys.stderr)
         return 1
@@ -140,8 +147,30 @@ def export(args: argparse.Namespace) -> int:
     from palpate import interchange
     from palpate.dataset import Dataset
 
-    given = (args.output, args.format, args.arrays, args.license, args.source)
-    print(f"{args.output}: {interchange.export(Dataset(args.run), *given)} grasps")
+    given = (args.output, args.format, args.arrays, args.license, args.source, args.samples)
+    print(f"{args.output}: {interchange.export(Dataset(args.run), *given)} {args.samples}")
+    return 0
+
+
+def calibrate(args: argparse.Namespace) -> int:
+    """Fit a sensor's light to real images; write its file and a page, and print the errors."""
+    from dataclasses import replace
+
+    from palpate import sensor
+    from palpate.touch.calibration import calibrate, write_sensor
+    from palpate.viewer.calibration import calibration_page
+
+    base = args.extends or (str(args.sensor.absolute()) if args.sensor.exists() else "gelsight_mini")
+    kind = replace(sensor.load(base), name=args.sensor.stem)
+    found = calibrate(args.folder, kind, args.ball and args.ball / 2, args.circles, args.table)
+    write_sensor(found.sensor, args.sensor)
+    page = args.sensor.with_suffix(".html")
+    calibration_page(page, found)
+    kept = ~found.fitted
+    errors = {"simulated": found.error, "untouched image": found.untouched_error, "noise": found.noise}
+    words = ", ".join(f"{name} {error[kept].mean():.2f}" for name, error in errors.items())
+    print(f"mean absolute error on {kept.sum()} images left out, grey levels: {words}")
+    print(f"{args.sensor}\n{page}")
     return 0
 
 
@@ -153,8 +182,8 @@ class Command(NamedTuple):
     arguments: Mapping[str, Mapping[str, Any]]
 
 
-OBJECT = {"help": "its name in catalogue.csv, for example bottle-0011"}
-MODEL = {
+OBJECT: dict[str, Any] = {"help": "its name in catalogue.csv, for example bottle-0011"}
+MODEL: dict[str, dict[str, Any]] = {
     "--seed": {"type": int, "help": "of the trained model (default: the first there is)"},
     "--device": {"default": "cpu", "help": "of torch (default: cpu)"},
 }
@@ -189,6 +218,20 @@ COMMANDS = {
             "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them (default: of its config)"
         },
     }),
+    "calibrate": Command(calibrate, "fit a sensor's lights to real images of a ball pressed into its gel", {
+        "folder": {"type": Path, "help": "of images, and untouched.png"},
+        "--ball": {"type": float, "metavar": "M", "help": "the ball's diameter, m (default: of circles.csv)"},
+        "--sensor": {
+            "type": Path, "required": True, "metavar": "YAML",
+            "help": "the sensor's file, written; if it exists, its size, pixels and gel are kept",
+        },
+        "--extends": {"metavar": "SENSOR", "help": "whose size, pixels and gel to take (default: gelsight_mini)"},
+        "--circles": {
+            "type": Path, "metavar": "CSV",
+            "help": "columns of docs/calibrate.md (default: <folder>/circles.csv, else found)",
+        },
+        "--table": {"action": "store_true", "help": "fit a table of colours over normals, not lights"},
+    }),
     "info": Command(info, "print what a run holds", {}),
     "export": Command(export, "write a run in another layout, with a data card", {
         "output": {"type": Path, "help": "a new folder"},
@@ -196,6 +239,9 @@ COMMANDS = {
             "choices": ("webdataset", "parquet", "zarr"),
             "default": "webdataset",
             "help": "tar shards; Parquet and images, for load_dataset of Hugging Face; Zarr, for xarray",
+        },
+        "--samples": {
+            "choices": ("grasps", "presses"), "default": "grasps", "help": "what a sample is (default: grasps)"
         },
         "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
         "--license": {"default": "unknown", "help": "of the data, by its SPDX name, as CC-BY-4.0 (https://spdx.org/licenses)"},

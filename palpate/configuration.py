@@ -74,9 +74,9 @@ def read_config(default: Path | str, overlays: Sequence[Path | str]) -> dict[str
 def typed(value: Any) -> Any:
     """A value in braces or brackets of a command line's `--config` as YAML reads it; Snakemake leaves texts in it."""
     if isinstance(value, dict):
-        return {key: typed(each) for key, each in value.items()}
+        return {key: typed(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [typed(each) for each in value]
+        return [typed(item) for item in value]
     try:
         read = yaml.safe_load(value) if isinstance(value, str) else value
     except yaml.YAMLError:
@@ -102,13 +102,15 @@ def parse_texts(config: dict[str, Any], schema: Path | str) -> None:
 class _Loader(yaml.SafeLoader):
     """YAML, but a key that stands twice in a mapping is an error, and so is a value that contains itself."""
 
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """A value. Raises YAMLError for one that contains itself."""
         node = super().compose_node(parent, index)
-        if node.end_mark is None:  # named by an alias within it
+        if node is not None and node.end_mark is None:  # named by an alias within it
             raise yaml.YAMLError(f"line {node.start_mark.line + 1}: this value contains itself: remove the alias in it")
         return node
 
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """A mapping. Raises YAMLError for a key that stands twice in it."""
         node = super().compose_mapping_node(anchor)
         keys = [key.value for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
         if twice := [key for place, key in enumerate(keys) if key in keys[:place]]:
@@ -166,10 +168,10 @@ def _unusable(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
 def plain(instance: Any) -> dict[str, Any]:
     """A dataclass as nested dictionaries, without the fields that have their default."""
     row = {}
-    for each in fields(instance):
-        value, default = getattr(instance, each.name), each.default
-        if value != (default if each.default_factory is MISSING else each.default_factory()):
-            row[each.name] = plain(value) if is_dataclass(value) else value
+    for field in fields(instance):
+        value = getattr(instance, field.name)
+        if value != (field.default if field.default_factory is MISSING else field.default_factory()):
+            row[field.name] = plain(value) if is_dataclass(value) else value
     return row
 
 
@@ -182,8 +184,18 @@ def whole_numbers(values: Any) -> Any:
     return int(values) if isinstance(values, float) and values.is_integer() and abs(values) < 2**53 else values
 
 
+def in_order(values: Any, order: Any) -> Any:
+    """Nested dictionaries with their keys in the order of another's; keys that it lacks come after them, by name."""
+    if not isinstance(values, dict):
+        return values
+    known = order if isinstance(order, dict) else {}
+    keys = [*filter(values.__contains__, known), *sorted(set(values) - set(known))]
+    return {key: in_order(values[key], known.get(key)) for key in keys}
+
+
 @cache
 def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
+    """The validator of a schema file."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's, where it is there, is ten times as fast
     return jsonschema.Draft202012Validator(yaml.load(Path(schema).read_text(), loader))
 

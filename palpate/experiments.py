@@ -8,9 +8,9 @@ from typing import Any
 
 from palpate.configuration import ConfigError, check, merge, plain, read_yaml
 from palpate.methods import METHODS, Method
+from palpate.strategies import Strategy, strategy
 
 SPLITS = ("validation", "test")  # that models are tested on
-SINGLE_IMAGE = ("psg", "pixel2mesh", "r2n2")  # methods of views only
 
 
 def name_of(row: Mapping[str, Any]) -> str:
@@ -40,8 +40,7 @@ class Experiment:
 
     Attributes:
         name: made of its properties (`name_of`), or stated there.
-        strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled, pooled_no_copy or template; the
-            baseline retrieval, which is not trained; of views only psg, pixel2mesh or r2n2.
+        strategy: one of `palpate.strategies`, by its name.
         vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
         fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
         weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
@@ -70,11 +69,16 @@ class Experiment:
         return {key: value for key, value in plain(self).items() if key != "name"}
 
     @property
+    def plan(self) -> type[Strategy]:
+        """What its strategy takes, begins with and predicts. Raises ValueError for an unknown one."""
+        return strategy(self.strategy)
+
+    @property
     def method(self) -> Method:
         """Its method: the last one of its strategy whose architecture it has."""
         own = self.architecture
-        mine = (each for each in METHODS.values() if self.strategy == (each.strategy or each.name))
-        return [each for each in mine if merge(own, each.architecture) == own][-1]
+        of_strategy = (method for method in METHODS.values() if method.strategy == self.strategy)
+        return [method for method in of_strategy if merge(own, method.architecture) == own][-1]
 
     @property
     def stated_as(self) -> str:
@@ -100,8 +104,8 @@ class Experiment:
 
     @property
     def is_trained(self) -> bool:
-        """Whether it has a trained model: all but the strategy `retrieval`."""
-        return self.strategy != "retrieval"
+        """Whether it has a trained model: all but look-ups."""
+        return self.plan.is_trained
 
     @property
     def fewest_grasps(self) -> int:
@@ -110,23 +114,13 @@ class Experiment:
 
     @property
     def takes_charts(self) -> bool:
-        """Whether touches reach the model as charts: in all strategies but `sphere` (paper, section 5.1)."""
-        return self.touch and self.strategy != "sphere"
-
-    @property
-    def takes_readings(self) -> bool:
-        """Whether touches reach the model as readings: in strategy `sphere`."""
-        return self.touch and self.strategy == "sphere"
-
-    @property
-    def takes_images(self) -> bool:
-        """Whether images reach it as they are: in all strategies but `retrieval`."""
-        return self.has_vision and self.is_trained
+        """Whether touches reach the model as charts, not as readings."""
+        return self.touch and self.plan.touch_input != "readings"
 
     @property
     def takes_masks(self) -> bool:
-        """Whether images reach it as silhouettes: where a training object is retrieved."""
-        return self.has_vision and self.strategy in ("retrieval", "template")
+        """Whether images reach it as silhouettes: where training objects are retrieved."""
+        return self.has_vision and self.plan.takes_masks
 
     @property
     def takes_grasps(self) -> bool:
@@ -143,16 +137,11 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A table of config/experiments.yaml: its experiments in order, and the split that they are tested on."""
+    """A table of config/experiments.yaml: its experiments by their names, and the split that they are tested on."""
 
     name: str
     split: str
-    experiments: tuple[Experiment, ...]
-
-    @property
-    def by_name(self) -> dict[str, Experiment]:
-        """The experiments by their names, in order."""
-        return {experiment.name: experiment for experiment in self.experiments}
+    by_name: Mapping[str, Experiment]
 
 
 @dataclass(frozen=True)
@@ -174,9 +163,9 @@ class Experiments:
         check(declared, schema, str(path))
         try:
             rows = _rows(declared["experiments"])
-            experiments = {name: _experiment(row, rows) for name, row in rows.items()}
+            experiments = {name: _experiment(name, row, rows) for name, row in rows.items()}
             tables = {
-                name: Comparison(name, table["split"], tuple(_selected(name, table["experiments"], experiments)))
+                name: Comparison(name, table["split"], dict(_selected(name, table["experiments"], experiments)))
                 for name, table in declared["tables"].items()
             }
         except ConfigError as error:
@@ -185,8 +174,8 @@ class Experiments:
 
     def of_weights(self, trained: str) -> list[Experiment]:
         """The experiments that are evaluated with a trained model, itself first."""
-        found = [each for each in self.experiments.values() if each.trained == trained]
-        return sorted(found, key=lambda each: each.name != trained)
+        sharing = [experiment for experiment in self.experiments.values() if experiment.trained == trained]
+        return sorted(sharing, key=lambda experiment: experiment.name != trained)
 
 
 def _combinations(grid: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -203,30 +192,30 @@ def _rows(grids: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
             raise ConfigError(f"method {row['method']!r} is unknown; there are {', '.join(METHODS)}")
         if isinstance(row.get("weights"), dict):
             row["weights"] = name_of(row | row["weights"])
-        name = row.setdefault("name", name_of(row))
+        name = row.pop("name", name_of(row))
         if name in rows:
             raise ConfigError(f"there are two experiments {name}: remove one, or state another `name`")
         rows[name] = row
     return rows
 
 
-def _experiment(row: Mapping[str, Any], rows: Mapping[str, Mapping[str, Any]]) -> Experiment:
+def _experiment(name: str, row: Mapping[str, Any], rows: Mapping[str, Mapping[str, Any]]) -> Experiment:
     """The experiment of a row; what the row does not state is its trained experiment's, or its method's."""
     method, trained = METHODS[row["method"]], rows.get(row["weights"], {}) if "weights" in row else row
     if trained.get("vision") != row["vision"] or (trained is not row and "weights" in trained):
-        raise ConfigError(f"{row['name']} has weights {row['weights']}, which is no trained experiment of its vision")
-    values = {"grasps": 1, "correction": method.correction, "architecture": METHODS[trained["method"]].architecture}
-    values |= {key: trained[key] for key in ("correction", "architecture") if key in trained}
-    values |= row | {"strategy": method.strategy or method.name} | ({} if row["touch"] else {"correction": None})
-    experiment = Experiment.from_row(values.pop("name"), {key: values[key] for key in values if key != "method"})
-    views, single = experiment.vision == "views", method.name in SINGLE_IMAGE
-    nothing = not experiment.has_vision and not experiment.touch
-    if nothing or (single and (experiment.touch or not views)) or (views and not experiment.is_trained):
-        raise ConfigError(f"{experiment.name}: {method.name} can't take as input: {experiment.input_label}")
+        raise ConfigError(f"{name} has weights {row['weights']}, which is no trained experiment of its vision")
+    defaults = {"grasps": 1, "correction": method.correction, "architecture": METHODS[trained["method"]].architecture}
+    values = defaults | {key: trained[key] for key in ("correction", "architecture") if key in trained} | {**row}
+    values |= {"strategy": method.strategy} | ({} if row["touch"] else {"correction": None})
+    experiment = Experiment.from_row(name, {key: values[key] for key in values if key != "method"})
+    if not experiment.plan.accepts(experiment.vision, experiment.touch):
+        raise ConfigError(f"{name}: {method.name} can't take as input: {experiment.input_label}")
     return experiment
 
 
-def _selected(table: str, items: Sequence[Any], experiments: Mapping[str, Experiment]) -> Iterator[Experiment]:
+def _selected(
+    table: str, items: Sequence[Any], experiments: Mapping[str, Experiment]
+) -> Iterator[tuple[str, Experiment]]:
     """The experiments that a table's names and grids say, in order."""
     for item in items:
         rows = {item: {"name": item}} if isinstance(item, str) else {name_of(row): row for row in _combinations(item)}
@@ -234,4 +223,4 @@ def _selected(table: str, items: Sequence[Any], experiments: Mapping[str, Experi
         for key, value in itertools.chain.from_iterable(row.items() for row in rows.values()):
             if all(row[key] != value for row in defined.values()):
                 raise ConfigError(f"table {table} has an experiment with {key}: {value}, and none is defined")
-        yield from (experiments[name] for name in defined)
+        yield from ((name, experiments[name]) for name in defined)

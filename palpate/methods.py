@@ -12,13 +12,14 @@ class Method(NamedTuple):
 
     name: str
     title: str
+    strategy: str
     whose: str = ""
-    strategy: str | None = None
     architecture: Mapping[str, Any] = {}
     correction: Mapping[str, float] | None = None
     stated_as: str | None = None
     exchanged: Mapping[str, str | None] | None = None
     communication: str = ""
+    claims: bool = True
 
     @property
     def label(self) -> str:
@@ -26,4 +27,7 @@ class Method(NamedTuple):
         return self.title + f" ({self.whose})" * bool(self.whose)
 
 
-METHODS = {name: Method(name, **row) for name, row in read_yaml(Path(__file__).with_suffix(".yaml")).items()}
+METHODS = {
+    name: Method(name, **{"strategy": name} | row)
+    for name, row in read_yaml(Path(__file__).with_suffix(".yaml")).items()
+}

@@ -63,8 +63,8 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
     for library in list(places):
         with open(path.parent / library, "rb") as file:
             statements = mtl_statements(file.read(MOST))
-        names = (map_statement(rest)[1] for word, rest in statements if MAP.fullmatch(word))
-        places |= {place for name in names if (place := find(path, beside(path, library, name, root), root))}
+        textures = (map_statement(rest)[1] for word, rest in statements if MAP.fullmatch(word))
+        places |= {place for name in textures if (place := find(path, beside(path, library, name, root), root))}
     return sorted(places)
 
 
@@ -109,10 +109,12 @@ def beside(path: Path, library: str, name: str, root: Path | str | None = None) 
 
 
 def without_comment(rest: str) -> str:
+    """The rest of a statement without the comment at its end."""
     return re.split(r"\s#", rest, maxsplit=1)[0].strip()
 
 
 def _names(path: Path, suffix: str) -> set[str]:
+    """The names of files in a mesh file of one of `PATTERNS`, or a GLB."""
     most = HEAD if suffix == ".ply" else MOST
     with open(path, "rb") as file:
         if suffix == ".glb":
@@ -149,25 +151,27 @@ def is_outside(path: Path, name: str, root: Path | str | None = None) -> bool:
 
 
 def _places(name: str) -> Iterator[str]:
+    """Where a file of this name may be, seen from the mesh's folder, the best place first."""
     if len(name) > LONGEST:
         return
     plain = name.strip().replace("\\", "/")
     bare = without_comment(plain).strip('"')
-    for each in dict.fromkeys((plain, bare, unquote(plain), unquote(bare))):
+    for form in dict.fromkeys((plain, bare, unquote(plain), unquote(bare))):
         for folder in FOLDERS:
-            yield str(PurePosixPath(folder, each))
-        yield each.lstrip("/")
-        yield os.path.basename(each)
+            yield str(PurePosixPath(folder, form))
+        yield form.lstrip("/")
+        yield os.path.basename(form)
 
 
-def _inside(path: Path, place: str, root) -> bool:
+def _inside(path: Path, place: str, root: Path | str | None) -> bool:
+    """Whether a place seen from the mesh's folder is below the root of `find`."""
     if not place.startswith("/") and ".." not in place.split("/"):
         return True
     folder = Path(os.path.abspath(path.parent))
-    root = Path(os.path.abspath(root)) if root else folder.parent
+    top = Path(os.path.abspath(root)) if root else folder.parent
     real = os.path.realpath(folder / place)
-    bases = {os.path.realpath(each) for each in (folder, *folder.parents, root) if each == root or root in each.parents}
-    return any(os.path.commonpath((real, base)) == base for base in bases)
+    above = [parent for parent in (folder, *folder.parents, top) if parent == top or top in parent.parents]
+    return any(os.path.commonpath((real, base)) == base for base in map(os.path.realpath, above))
 
 
 def texture_pixels(path: Path, root: Path | str | None = None) -> int:
@@ -175,20 +179,20 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
     import PIL.Image  # the workflow plans without it, as a rule
 
     PIL.Image.MAX_IMAGE_PIXELS = LARGEST_SIDE**2  # PIL refuses twice as many; by itself it refuses 16k textures
-    files = [path.parent / name for name in companions(path, root, HEAD) if name.lower().endswith(IMAGES)]
-    files = [file for file in files if os.path.getsize(file) > SMALL]
+    named = [path.parent / name for name in companions(path, root, HEAD) if name.lower().endswith(IMAGES)]
+    files: list[Path | io.BytesIO] = [file for file in named if os.path.getsize(file) > SMALL]
     if path.suffix.lower() == ".glb" and not unusable(path):
-        with contextlib.suppress(OSError, ValueError, LookupError, TypeError, AttributeError), open(path, "rb") as file:
+        with contextlib.suppress(OSError, ValueError, LookupError, TypeError, AttributeError), open(path, "rb") as glb:
             tree, start = gltf_tree(path, MOST)
             views = (tree["bufferViews"][image["bufferView"]] for image in tree["images"] if "bufferView" in image)
             for view in views:
                 if view["byteLength"] > SMALL:
-                    file.seek(start + view.get("byteOffset", 0))
-                    files.append(io.BytesIO(file.read(min(view["byteLength"], 1 << 20))))
+                    glb.seek(start + view.get("byteOffset", 0))
+                    files.append(io.BytesIO(glb.read(min(view["byteLength"], 1 << 20))))
     total = 0
-    for each in files:
+    for picture in files:
         try:
-            with PIL.Image.open(each) as image:
+            with PIL.Image.open(picture) as image:
                 width, height = image.size
         except Exception:  # whatever a broken file makes a reader trip over: the meshes stage names it
             continue
@@ -206,7 +210,7 @@ def gltf_tree(path: Path, most: int | None = None) -> tuple[dict[str, Any], int]
         if path.suffix.lower() == ".glb":
             start, length = 20, int.from_bytes(file.read(20)[12:16], "little")  # JSON comes first (glTF 2.0, 4.4)
         file.seek(start)
-        text = file.read(min(each for each in (length, most) if each) if length or most else -1)
+        text = file.read(min(limit for limit in (length, most) if limit) if length or most else -1)
     try:
         tree = json.loads(text)
     except RecursionError:

@@ -15,6 +15,6 @@ TAU = 1e-4
 PIXEL2MESH_CHAMFER = 1000.0
 
 
-def pixel2mesh_chamfer(chamfer):
+def pixel2mesh_chamfer(chamfer: float) -> float:
     """Pixel2Mesh's Chamfer distance, from the paper's (m^2 x 9000): at its scale, in thousandths."""
     return chamfer / CHAMFER_SCALE * PIXEL2MESH_SCALE**2 * PIXEL2MESH_CHAMFER

@@ -8,6 +8,8 @@ from pathlib import Path
 
 RECORD = "config.yaml"  # in a run's folder: the config that it was last started with
 MARKS = (RECORD, "catalogue.csv", "meshes", "models", "evaluations")  # a run has one of them
+BATCHES = "batches.json"  # in the folder of every run that the workflow has started, and in no other
+IN_PROGRESS = ("identity", "last.ckpt")  # of a training, which no rule makes
 REJECTED = "rejected"  # in a run's folder: a folder a stage, a table a batch
 BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up: batch-{0000..0012}
 
@@ -25,6 +27,16 @@ def run_folder(path: Path | str) -> Path:
     named = (place.parent for place in places if place.name in MARKS[2:])
     default = path.parent if path.name == "catalogue.csv" else path.parent.parent
     return next(chain(found, named), default if default in places else places[0])
+
+
+def is_of_run(path: Path | str) -> bool:
+    """Whether a path is in the folder of a run that the workflow has started there."""
+    return (run_folder(path) / BATCHES).exists()
+
+
+def label_of(path: Path | str) -> str:
+    """A path of a run from the run's folder on, as `touch/batch-0000.zarr`."""
+    return os.path.relpath(os.path.abspath(path), run_folder(path))
 
 
 def rebuild_command(path: Path | str, *targets: str) -> str:
@@ -45,5 +57,10 @@ def rebuild_advice(path: Path | str, what: str = "it") -> str:
 
     what: the file, where `it` would be unclear.
     """
-    start = f"remove {what} and build it again" if os.path.lexists(path) else f"build {what}"
+    path, there = Path(path), os.path.lexists(path)
+    if path.name in (RECORD, BATCHES):  # batches are then formed anew, and those that differ are made again
+        return f"{f'remove {what} and ' if there else ''}start the run again, which writes it"
+    if path.name in IN_PROGRESS:
+        return f"remove {path.parent} to train from the start"
+    start = f"remove {what} and build it again" if there else f"build {what}"
     return f"{start} with: {rebuild_command(path)}"

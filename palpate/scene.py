@@ -74,7 +74,7 @@ class Scene:
         cls, object_folder: Path | str, grasps: Mapping[str, np.ndarray], hand: Hand, **others: Any
     ) -> "Scene":
         """The scene of an object and its stored grasps: `GRASP_ARRAYS` (g, ...) each; others: further attributes."""
-        return cls(object_folder, hand, **{name: grasps[name] for name in GRASP_ARRAYS}, **others)
+        return cls(Path(object_folder), hand, **({name: grasps[name] for name in GRASP_ARRAYS} | others))
 
     @property
     def name(self) -> str:
@@ -97,23 +97,25 @@ def draw(settings: Mapping[str, Any], seed: int, name: str) -> dict[str, Any]:
     Numbers depend on the seed, the object's name and the key (`LOOK`) only. Impossible cameras or lights are drawn
     again. Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are impossible.
     """
-    for attempt in range(DRAWS):
-        found = dict(settings)
+    attempt = 0
+    while True:
+        drawn = dict(settings)
         for key in LOOK:
             rng = generator(seed, name, "vision", key, str(attempt))
-            found[key] = _drawn(settings[key], rng, f"config vision.{key}")
+            drawn[key] = _drawn(settings[key], rng, f"config vision.{key}")
+        attempt += 1
         try:
-            cameras(found), lights(found)
-            return found
+            cameras(drawn), lights(drawn)
+            return drawn
         except ConfigError:
-            if attempt + 1 == DRAWS or found == settings:
+            if attempt == DRAWS or drawn == settings:
                 raise
 
 
 def _drawn(value: Any, numbers: np.random.Generator, where: str) -> Any:
     """A part of the config with a number for each range, drawn in the order of keys and elements."""
     if isinstance(value, list):
-        return [_drawn(each, numbers, f"{where}.{place}") for place, each in enumerate(value)]
+        return [_drawn(item, numbers, f"{where}.{place}") for place, item in enumerate(value)]
     if not isinstance(value, Mapping):
         return value
     if "from" not in value:
@@ -140,10 +142,11 @@ def cameras(settings: Mapping[str, Any]) -> list[Camera]:
     size = settings["size"]
     if settings["cameras"] is None:
         return [paper_camera(size)]
-    return [_camera(f"config vision.cameras.{number}", each, size) for number, each in enumerate(settings["cameras"])]
+    return [_camera(f"config vision.cameras.{number}", keys, size) for number, keys in enumerate(settings["cameras"])]
 
 
 def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
+    """A camera that the config lists; where: its place in the config, for messages."""
     if ("target" in settings) == ("rotation" in settings):
         raise ConfigError(f"{where}: give either `target`, the point that it looks at, or `rotation`")
     if "focal_length" in settings and "field_of_view" in settings:
@@ -175,23 +178,26 @@ def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
     """
     if settings["lights"] is None:
         return LIGHTS
-    found = []
-    for number, each in enumerate(settings["lights"]):
-        where, kind = f"config vision.lights.{number}", each["kind"]
+    listed = []
+    for number, given in enumerate(settings["lights"]):
+        where, kind = f"config vision.lights.{number}", given["kind"]
         keys = LIGHT_KEYS[kind]
-        if unknown := sorted(set(each) - {"kind", "energy", "colour", *keys}):
+        if unknown := sorted(set(given) - {"kind", "energy", "colour", *keys}):
             raise ConfigError(f"{where}: light of kind {kind} has no {', '.join(unknown)}")
-        if "position" in keys and "position" not in each:
+        if "position" in keys and "position" not in given:
             raise ConfigError(f"{where}: light of kind {kind} needs a position")
-        if kind == "area" and not each.get("size"):
+        if kind == "area" and not given.get("size"):
             raise ConfigError(f"{where}: light of kind area needs a size above 0, its side in m")
-        target = each.get("target", OBJECT_POSITION)
+        target = given.get("target", OBJECT_POSITION)
+        attributes: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in given.items()
+        }
         if "position" in keys:
-            each = {**each, "position": _place(each["position"], target)}
-        if "target" in keys and np.array_equal(each["position"], target):
+            attributes["position"] = _place(given["position"], target)
+        if "target" in keys and np.array_equal(attributes["position"], target):
             raise ConfigError(f"{where}: its position is its target: no direction to shine in")
-        found.append(Light(**{key: tuple(value) if isinstance(value, list) else value for key, value in each.items()}))
-    return tuple(found)
+        listed.append(Light(**attributes))
+    return tuple(listed)
 
 
 def background(settings: Mapping[str, Any]) -> tuple[float, float, float] | None:

@@ -23,6 +23,7 @@ SHIPPED = Path(__file__).with_name("sensors")
 SCHEMA = SHIPPED / "schema.yaml"
 # Keys that decide the shapes of a sensor's arrays and its points; the others decide how a reading looks.
 GEOMETRY = ("width", "height", "resolution", "range", "gel_radius", "gel_face")
+MATERIAL = ("thickness", "shear_modulus", "poisson")  # keys of a gel that can be pressed
 Size = tuple[float, float]  # metres along z and y, in the order of rows and columns
 
 
@@ -39,16 +40,22 @@ class Sensor:
     gel_face: float  # from the sensor plane to the face that the hand has there, at which contact stops it
     # `angles` (degrees, of the red, green and blue light around the sensor's axis, from y to z), `radius` and `height`
     # above the plane at `range`, towards the sensor plane; or a list of lights with a `colour` and a `position` (y, z,
-    # that height) or a `direction` that they are in.
+    # that height) or a `direction` that they are in; or a table of colours over normals: `colour_table`.
     lights: Mapping[str, Any] | Sequence[Mapping[str, Any]]
     diffuse: float  # lambda, grey levels of a surface that faces a light
     smoothing: Mapping[str, Any] | None = None  # `pyramid`, `last`, `held`: `palpate.touch.shading.smoothed`
     # (r, c, 3) uint8 image of the untouched gel; None: the shading of the undeformed gel.
     background: np.ndarray | None = field(default=None, repr=False)
+    # What pressed readings need as well (docs/gel.md): `thickness`, `shear_modulus` and `poisson` of the gel, the size
+    # of its face (as `size`), how far the middle of a convex face stands out over its corners, and dots on it.
+    material: Mapping[str, float] | None = None
+    gel_size: Size | None = None
+    gel_sag: float = 0.0
+    markers: Mapping[str, int] | None = None
 
     @property
     def size(self) -> Size:
-        """(height, width), in the order of `resolution`."""
+        """Edges of the plane (height, width), in the order of `resolution`."""
         return self.height, self.width
 
     @property
@@ -58,18 +65,19 @@ class Sensor:
 
     @cached_property
     def pixel_centres(self) -> tuple[np.ndarray, np.ndarray]:
-        """(r,) z of the rows and (c,) y of the columns: centres of the pixels on the sensor plane."""
-        return tuple(map(pixel_centres, self.resolution, self.size))
+        """Centres of the pixels on the sensor plane: z of the rows (r,) and y of the columns (c,)."""
+        rows, columns = map(pixel_centres, self.resolution, self.size)
+        return rows, columns
 
     @cached_property
     def plane(self) -> np.ndarray:
-        """(r, c, 3) the pixels on the sensor plane, sensor frame."""
+        """Positions (r, c, 3) of the pixels on the sensor plane, sensor frame."""
         z, y = np.meshgrid(*self.pixel_centres, indexing="ij")
         return np.stack([np.zeros_like(y), y, z], axis=2)
 
     @cached_property
     def _off_axis(self) -> np.ndarray:
-        """(r, c) m^2, squared distance of the pixels from the sensor's axis."""
+        """Squared distances (r, c), m^2, of the pixels from the sensor's axis."""
         z, y = self.pixel_centres
         return z[:, None] ** 2 + y[None] ** 2
 
@@ -80,25 +88,36 @@ class Sensor:
 
     @cached_property
     def on_gel(self) -> np.ndarray:
-        """(r, c) bool, pixels that look at the gel: all, or those within the circle of a round one."""
+        """Which pixels look at the gel, (r, c) bool: all, or those within the circle of a round one."""
         return np.full(self.resolution, True) if self.gel_radius is None else self._off_axis <= self.rim**2
 
     @cached_property
     def sag(self) -> np.ndarray:
-        """(r, c) metres that the undeformed gel is below its apex; beside a round gel as at its rim."""
+        """Metres (r, c) that the undeformed gel is below its apex; beside a round gel as at its rim."""
         if self.gel_radius is None:
             return np.zeros(self.resolution)
         return self.gel_radius - np.sqrt(self.gel_radius**2 - np.minimum(self._off_axis, self.rim**2))
 
     @cached_property
+    def face_sag(self) -> np.ndarray:
+        """(r, c) metres that the face of the gel that is pressed lies below its middle: `sag`, or a convex face's."""
+        if self.gel_radius or not self.gel_sag:
+            return self.sag
+        half = np.hypot(*(self.gel_size or self.size)) / 2
+        radius = (half**2 + self.gel_sag**2) / (2 * self.gel_sag)
+        return radius - np.sqrt(radius**2 - np.minimum(self._off_axis, half**2))
+
+    @cached_property
     def reach(self) -> np.ndarray:
-        """(r, c) metres from the sensor plane within which a pixel touches: the undeformed gel; -inf beside it."""
+        """Metres (r, c) from the sensor plane within which a pixel touches: the undeformed gel; -inf beside it."""
         return np.where(self.on_gel, self.range - self.sag, -np.inf)
 
     @cached_property
     def lamps(self) -> list[tuple[np.ndarray, np.ndarray, bool]]:
-        """Of each light its place, (y, z, height above the plane at `range`) in metres, or its direction if it is far;
-        its colour, 1 for `diffuse` grey levels; whether it is far."""
+        """The lights: place (y, z, height above the plane at `range`) in metres, or direction if it is far; colour, of
+        which 1 is `diffuse` grey levels; whether it is far. None if there is a colour table."""
+        if self.colour_table:
+            return []
         if not isinstance(self.lights, Mapping):
             places = [np.array(light.get("position") or light["direction"], dtype=float) for light in self.lights]
             colours = [np.array(light["colour"], dtype=float) for light in self.lights]
@@ -107,6 +126,16 @@ class Sensor:
         radius, height = self.lights["radius"], self.lights["height"]
         places = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, height)], axis=1)
         return list(zip(places, np.eye(3), [False] * 3, strict=True))
+
+    @property
+    def colour_table(self) -> Mapping[str, Any] | None:
+        """Colours over normals that stand for the lights, or None.
+
+        `polynomial`: rows of red, green and blue, 1 for `diffuse` grey levels, of the monomials of degree 1 to `normal`
+        in the normal's y and z, times those of degree 0 to `place` in the pixel's y and z (-1 to 1 over the image).
+        `steepest`: length of the normal's (y, z) beyond which the colour stays.
+        """
+        return self.lights if isinstance(self.lights, Mapping) and "polynomial" in self.lights else None
 
     @property
     def geometry(self) -> dict[str, Any]:
@@ -118,7 +147,16 @@ class Sensor:
         return {
             **{"name": self.name, "width": self.width, "height": self.height, "resolution": list(self.resolution)},
             "range": self.range,
-            "gel": "flat" if self.gel_radius is None else {"radius": self.gel_radius},
+            "gel": {
+                "face": {"radius": self.gel_radius}
+                if self.gel_radius
+                else {"sag": self.gel_sag}
+                if self.gel_sag
+                else "flat",
+                **({"size": list(self.gel_size)} if self.gel_size else {}),
+                **(self.material or {}),
+            },
+            **({"markers": dict(self.markers)} if self.markers else {}),
             **{"gel_face": self.gel_face, "lights": self.lights, "diffuse": self.diffuse},
             "smoothing": self.smoothing and dict(self.smoothing),
             "background": True if self.background is not None else None,
@@ -137,27 +175,45 @@ class Sensor:
         check(dict(description), SCHEMA, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
         resolution, gel = description["resolution"], description["gel"]
+        face = {} if gel["face"] == "flat" else gel["face"]
         rows, columns = (resolution, resolution) if isinstance(resolution, int) else resolution
         values |= {
             "resolution": (rows, columns),
             # Square pixels.
             "height": description.get("height", description["width"] * (rows / columns)),
             "gel_face": description.get("gel_face", 0.019273),  # of the DIGIT in the Allegro's tips
-            "gel_radius": None if gel == "flat" else float(gel["radius"]),
+            "gel_radius": float(face["radius"]) if "radius" in face else None,
+            "gel_sag": float(face.get("sag", 0)),
+            "gel_size": tuple(map(float, gel["size"])) if "size" in gel else None,
+            "material": {key: float(gel[key]) for key in MATERIAL} if "thickness" in gel else None,
         }
         sensor = cls(**values, background=background if description["background"] else None)
-        if gel != "flat" and sensor.gel_radius < sensor.rim:
+        if sensor.gel_radius is not None and sensor.gel_radius < sensor.rim:
             raise ConfigError(
-                f"{what}: gel.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its rim"
+                f"{what}: gel.face.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its "
+                "rim"
             )
         if not (sensor.range - sensor.sag > 0).all():
-            raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.radius")
+            raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.face.radius")
         for number, light in enumerate(description["lights"] if isinstance(description["lights"], list) else []):
             if ("position" in light) == ("direction" in light) or not np.any(light.get("direction", 1)):
                 raise ConfigError(f"{what}: lights.{number}: expected a position, or a direction that is not 0")
+        if table := sensor.colour_table:
+            count = (table["normal"] * (table["normal"] + 3) // 2) * ((table["place"] + 1) * (table["place"] + 2) // 2)
+            if len(table["polynomial"]) != count:
+                raise ConfigError(f"{what}: lights.polynomial: expected {count} rows, got {len(table['polynomial'])}")
         if not all(far or place[2] >= sensor.range for place, _, far in sensor.lamps):
             raise ConfigError(f"{what}: lights.height must be range or more: no surface in range above the lights")
         return sensor
+
+    def require_material(self) -> Mapping[str, float]:
+        """The gel's material. Raises `ConfigError` if the sensor's file does not describe a gel that can be pressed."""
+        if self.material is None or self.gel_radius is not None:
+            raise ConfigError(
+                f"touch.pressed, press.count: the gel of sensor {self.name!r} can't be pressed: its file needs "
+                "gel.thickness, gel.shear_modulus and gel.poisson, and a gel.face that is flat or {sag: m}"
+            )
+        return self.material
 
     def geometry_difference(self, other: "Sensor") -> str:
         """The values of `GEOMETRY` that differ from another sensor's, as text; empty if data of one fit the other."""
@@ -166,7 +222,7 @@ class Sensor:
 
 
 def pixel_centres(resolution: int, width: float) -> np.ndarray:
-    """(resolution,) centres of the pixels of a sensor `width` metres wide, along y or z."""
+    """Centres (resolution,) of the pixels of a sensor `width` metres wide, along y or z."""
     return ((np.arange(resolution) + 0.5) / resolution - 0.5) * width
 
 
@@ -201,12 +257,13 @@ def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
         description["background"] = str(path.parent / image)
     if path.resolve() in below:
         raise ConfigError(f"{path}: extends itself")
-    found = read(sensor_file(base, path.parent), (*below, path.resolve())) if base else {}
-    return found | {"name": path.stem} | description
+    inherited = read(sensor_file(base, path.parent), (*below, path.resolve())) if base else {}
+    return inherited | {"name": path.stem} | description
 
 
 def read_background(path: Path | str, resolution: Sequence[int]) -> np.ndarray:
-    """(r, c, 3) uint8 image of an untouched gel, resized to resolution (r, c). Raises `ConfigError` if unreadable."""
+    """The image (r, c, 3) uint8 of an untouched gel, resized to resolution (r, c). Raises `ConfigError` if it can't be
+    read."""
     rows, columns = resolution
     try:
         with Image.open(path) as picture:
@@ -221,13 +278,13 @@ def load(sensor: str, folder: Path | str = ".") -> Sensor:
     path = sensor_file(sensor, folder)
     description = read(path)
     image = description.get("background")
-    found = Sensor.from_description({**description, "background": None}, what=str(path))
-    if found.range < found.gel_face:
+    kind = Sensor.from_description({**description, "background": None}, what=str(path))
+    if kind.range < kind.gel_face:
         raise ConfigError(
-            f"{path}: range {found.range:g} m does not reach the gel's face on the hand, gel_face {found.gel_face:g} m "
+            f"{path}: range {kind.range:g} m does not reach the gel's face on the hand, gel_face {kind.gel_face:g} m "
             "from the sensor plane: nothing could touch; raise range, or lower gel_face"
         )
-    return replace(found, background=read_background(image, found.resolution)) if image else found
+    return replace(kind, background=read_background(image, kind.resolution)) if image else kind
 
 
 DIGIT = load("digit")

@@ -58,12 +58,13 @@ class Stage:
     @property
     def rejecting(self) -> tuple[str, ...]:
         """The stages that may have rejected an object that its output lacks: the last one first."""
-        before = [name for each in reversed(self.reads) for name in STAGES[each].rejecting]
+        before = [name for stage in reversed(self.reads) for name in STAGES[stage].rejecting]
         return tuple(dict.fromkeys([self.name] * self.rejects + before))
 
 
 def _stage(name: str, row: Mapping[str, Any]) -> Stage:
-    return Stage(name, **{key: tuple(value) if isinstance(value, list) else value for key, value in row.items()})
+    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
+    return Stage(name, **values)
 
 
 _ROWS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))

@@ -103,6 +103,7 @@ class LogHandler(LogHandlerBase):
             self.handleError(record)
 
     def _is_shown(self, record: logging.LogRecord) -> bool:
+        """Whether a record is printed; counts it, too."""
         if reached := getattr(record, "reached", None):
             reached.set()
             return False
@@ -114,8 +115,8 @@ class LogHandler(LogHandlerBase):
         if not self.silent and (not self.estimate or not self.quiet or event == "run_info"):
             return True
         if exception == "RuleException":  # it has the job's command line and its exit status, and no more
-            found = (text for pattern, text in ENDED_BY_SIGNAL.items() if pattern.search(str(record.msg)))
-            self.signalled = next(found, "")
+            reasons = (text for pattern, text in ENDED_BY_SIGNAL.items() if pattern.search(str(record.msg)))
+            self.signalled = next(reasons, "")
         if event in PAGES or exception == "RuleException" or REPEATED.match(str(record.msg).strip()):
             return False
         if self.silent:
@@ -135,6 +136,7 @@ class LogHandler(LogHandlerBase):
             )
 
     def _count(self, event: str, record: logging.LogRecord) -> None:
+        """Count the jobs that a record says to begin, end or fail."""
         if event == "run_info" and not self.common_settings.dryrun:
             self.begin({rule: count for rule, count in record.stats.items() if rule != "total"})
         elif self.estimate and event == "job_info":
@@ -148,6 +150,7 @@ class LogHandler(LogHandlerBase):
             self._fail(record)
 
     def _fail(self, record: logging.LogRecord) -> None:
+        """Keep a failed job, and print it at once if only failures are shown."""
         self.estimate.end(record.jobid, done=False)
         self.outputs.pop(record.jobid, None)
         log = next(iter(record.log or []), "")
@@ -160,6 +163,7 @@ class LogHandler(LogHandlerBase):
             print(self.failures[-1], file=self.stream, flush=True)
 
     def _print(self, record: logging.LogRecord) -> None:
+        """Print a record, in colour on a terminal."""
         text, event = self.format(record), str(getattr(record, "event", ""))
         if text in ("", "None"):  # as of Snakemake's records that are for loggers only
             return
@@ -189,6 +193,7 @@ class LogHandler(LogHandlerBase):
                 print(self.line(), file=self.stream, flush=True)
 
     def _write_repeatedly(self) -> None:
+        """Write the line of progress until the run ends."""
         while not self.ended.wait(1.0 if self.rewrites else SECONDS_BETWEEN_LINES):
             self.write()
 
@@ -211,9 +216,11 @@ class LogHandler(LogHandlerBase):
         super().close()
 
     def _has_line(self) -> bool:
+        """Whether there is a line of progress: from the run's start to its end, unless more or nothing is shown."""
         return bool(self.estimate) and self.quiet and not self.silent and not self.ended.is_set()
 
     def _clear(self) -> None:
+        """Remove the line of progress from a terminal."""
         if self.rewrites and self._has_line():
             print("\r\033[K", end="", file=self.stream, flush=True)
 

@@ -51,7 +51,7 @@ class Estimate:
         that has taken longer counts among its rule's with `OVERDUE` more than its time so far. The jobs that run side
         by side are those that have run so on average, and the time left is at least that of the longest.
         """
-        times = [each for times in self.took.values() for each in times]
+        times = [seconds for times in self.took.values() for seconds in times]
         done = sum(len(took) * TYPICAL.get(rule, OTHER) for rule, took in self.took.items())
         planned = done + sum(count * TYPICAL.get(rule, OTHER) for rule, count in self.left.items())
         if not times or self.so_far() <= 0 or done < SHOWN_FROM * planned:
@@ -60,7 +60,7 @@ class Estimate:
         mean |= {rule: sum(took) / len(took) for rule, took in self.took.items()}
         ages = [(rule, self.now() - start) for rule, start in self.running.values()]
         for rule in {rule for rule, _ in ages}:
-            late = [(1 + OVERDUE) * age for each, age in ages if each == rule and age > mean[rule]]
+            late = [(1 + OVERDUE) * age for running, age in ages if running == rule and age > mean[rule]]
             expected = self.took.get(rule, []) + late
             mean[rule] = sum(expected) / len(expected) if expected else mean[rule]
         left = [max(mean[rule] - age, OVERDUE * age) for rule, age in ages]

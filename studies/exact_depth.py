@@ -17,7 +17,7 @@ def exact_depth(
     low: float = 0.0,
     high: float = SENSOR_RANGE,
 ) -> np.ndarray:
-    """(n,) depth of the nearest of triangles (f, 3, 3), between low and high, at each of pixels (n, 2); else +inf.
+    """Depth (n,) of the nearest of triangles (f, 3, 3), between low and high, at each of pixels (n, 2); else +inf.
 
     Uses barycentric coordinates in the sensor plane, in double precision (or longer, as the triangles), of every face
     that is not exactly edge-on. Edges count as `WIDTH` wide. position: (3,), rotation: (3, 3) of the sensor, in the
@@ -37,7 +37,7 @@ def exact_depth(
         covered = np.ones(u.shape, dtype=bool)
         for share, edge in ((u, ac[f]), (v, ab[f]), (1 - u - v, (ac - ab)[f])):
             covered &= share >= -WIDTH * np.linalg.norm(edge[:, 1:], axis=1) / np.abs(twice[f])
-        found = a[f, 0] + np.clip(u, 0, 1) * ab[f, 0] + np.clip(v, 0, 1) * ac[f, 0]
-        covered &= (found >= low) & (found <= high)
-        depth[column] = np.where(covered, found, np.inf).min(axis=1, initial=np.inf)
+        met = a[f, 0] + np.clip(u, 0, 1) * ab[f, 0] + np.clip(v, 0, 1) * ac[f, 0]
+        covered &= (met >= low) & (met <= high)
+        depth[column] = np.where(covered, met, np.inf).min(axis=1, initial=np.inf)
     return depth

@@ -2,6 +2,7 @@
 
 python -m studies.pictures shapes docs/images/shapes.png        the procedural classes, a row each
 python -m studies.pictures sensors docs/images/sensors.png      what each shipped sensor reads at the same places
+python -m studies.pictures gel docs/images/gel.png              readings of a gel that is pressed with rising force
 python -m studies.pictures images random.png results/demo bottle-0000 knife-0000    images that a run holds:
     --rows objects    objects side by side, alone and below in their first grasp
     --rows grasps     a row an object: alone, its grasps, mask and depth of the first one
@@ -27,7 +28,7 @@ from palpate.mesh import DIAGONAL  # isort: skip
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, styled  # isort: skip
 from palpate.scene import Scene  # isort: skip
 from palpate.shapes import CLASSES, make  # isort: skip
-from palpate.touch import RayCaster, empty_reading, sense  # isort: skip
+from palpate.touch import RayCaster, empty_reading, face_sensor, press_sensor, sense  # isort: skip
 
 GAP = 6  # pixels between images, white
 COLUMNS, CELL = 12, 160  # of the picture of shapes: objects a row, and the width of each in pixels
@@ -37,6 +38,7 @@ PRESSED = ("rifle", 3)  # the procedural object that sensors touch
 PLACES, CANDIDATES = 3, 300  # places that are drawn, of points of the surface
 MOST = 0.7  # share of the DIGIT in contact at these places: the rest shows what a soft gel does at an edge
 AHEAD = 0.0225  # m from the sensor plane to the surface: 2.5 mm into a gel at 25 mm
+FORCES = (0.2, 1.0, 5.0)  # N
 READING, MARGIN, HEAD, SIDE = 1.7, 0.06, 0.62, 0.3  # inches
 VIEWS, FARTHEST = 10, 2.0  # views in a row; m, white in a picture of depth
 
@@ -50,13 +52,13 @@ def normalised(class_name: str, index: int) -> trimesh.Scene:
     return scene
 
 
-def shapes(columns: int = COLUMNS, size: int = CELL) -> Image.Image:
+def shapes() -> Image.Image:
     """The first objects of each procedural class, as the dataset's camera sees them."""
-    renderer, camera, rows = Renderer(threads=2), paper_camera(ENLARGED * size), []
+    renderer, camera, rows = Renderer(threads=2), paper_camera(ENLARGED * CELL), []
     with tempfile.TemporaryDirectory() as folder:
         for class_name in CLASSES:
             images = []
-            for index in range(columns):
+            for index in range(COLUMNS):
                 made = Path(folder) / f"{class_name}-{index:04d}"
                 made.mkdir()
                 scene = normalised(class_name, index)
@@ -64,7 +66,7 @@ def shapes(columns: int = COLUMNS, size: int = CELL) -> Image.Image:
                     scene.apply_transform(np.diag([-1.0, -1.0, 1.0, 1.0]))
                 (made / "visual.glb").write_bytes(scene.export(file_type="glb"))
                 images.append(renderer.render(Scene(made, camera=camera))[0])
-            rows.append(_cut_row(images, size))
+            rows.append(_cut_row(images, CELL))
     return Image.fromarray(np.concatenate(rows))
 
 
@@ -127,6 +129,47 @@ def draw_sensors(path: Path) -> None:
     save(figure, path)
 
 
+@styled
+def draw_gel(path: Path) -> None:
+    """Readings of one place of an object: not pressed, pressed with `FORCES`, and the pressures; two sensors."""
+    mesh = normalised(*PRESSED).to_geometry()
+    position, rotation = looking_at_surface(mesh)
+    digit = sensors.load("digit")
+    depths = RayCaster(mesh, sensor=face_sensor(digit)).trace(position[::3], rotation[::3])
+    pressed = [press_sensor(depth, digit, FORCES[1]) for depth in depths]
+    # Of the places whose contact the image shows, that with the most to see.
+    relief = [each.indentation.std() * (each.inside > 0.99) for each in pressed]
+    at = slice(3 * int(np.argmax(relief)), 3 * int(np.argmax(relief)) + 1)
+    names, columns = ("digit", "gelsight_mini"), ("not pressed", *(f"{force:g} N" for force in FORCES))
+    width = SIDE + len(columns) * (READING + MARGIN)
+    height = HEAD / 2 + 2 * len(names) * (READING + MARGIN)
+    figure = new_figure(width, height)
+    for row, name in enumerate(names):
+        kind = replace(sensors.load(name), markers={"rows": 8, "columns": 10} if row else None)
+        depth = RayCaster(mesh, sensor=face_sensor(kind)).trace(position[at], rotation[at])[0]
+        readings = [press_sensor(depth, kind, force) for force in FORCES]
+        flat = sense(RayCaster(mesh, sensor=kind), position[at], rotation[at]).reading[0]
+        pressures = [None, *(1e-3 * each.pressure for each in readings)]
+        images = [[flat, *(each.reading for each in readings)], pressures]
+        for below, of_row in enumerate(images):
+            bottom = 1 - (HEAD / 2 + (2 * row + below + 1) * (READING + MARGIN)) / height
+            words = name if below == 0 else "pressure"
+            figure.text(0.15 / width, bottom + READING / 2 / height, words, rotation=90, ha="center", va="center")
+            for column, image in enumerate(of_row):
+                if image is None:
+                    continue
+                left = SIDE + column * (READING + MARGIN)
+                axes = figure.add_axes((left / width, bottom, READING / width, READING / height))
+                most = np.percentile(image[image > 0], 99) if below and (image > 0).any() else None
+                axes.imshow(image, cmap="magma", vmax=most, aspect=kind.pixel[0] / kind.pixel[1])
+                axes.set_axis_off()
+                if below:
+                    axes.set_title(f"to {most or 0:.0f} kPa", fontsize=LABEL, y=0.02, color="white")
+                elif not row:
+                    axes.set_title(columns[column], fontsize=TITLE)
+    save(figure, path)
+
+
 def _grey(image: np.ndarray) -> np.ndarray:
     """An image (h, w) in 0..1 as (h, w, 3) uint8."""
     return np.repeat((255 * np.clip(image, 0, 1)).astype(np.uint8)[..., None], 3, axis=2)
@@ -142,9 +185,12 @@ def images(run: Path, objects: Sequence[str], rows: str = "objects", width: int 
     """Images of a run, as the module's docstring has them; width: at most, in pixels."""
     records = list(Dataset(run).select(objects))
     grid = {
-        "objects": lambda: [[each.unoccluded for each in records], [each.grasps[0].occluded for each in records]],
-        "grasps": lambda: [_with_grasps(each) for each in records],
-        "views": lambda: [list(each.image[:VIEWS]) for each in records],
+        "objects": lambda: [
+            [record.unoccluded for record in records],
+            [record.grasps[0].occluded for record in records],
+        ],
+        "grasps": lambda: [_with_grasps(record) for record in records],
+        "views": lambda: [list(record.image[:VIEWS]) for record in records],
     }[rows]()
     framed = [[np.pad(image, ((0, GAP), (0, GAP), (0, 0)), constant_values=255) for image in row] for row in grid]
     picture = Image.fromarray(np.concatenate([np.concatenate(row, axis=1) for row in framed]))
@@ -154,16 +200,17 @@ def images(run: Path, objects: Sequence[str], rows: str = "objects", width: int 
 
 
 def main() -> None:
+    """Draw the picture that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("picture", choices=["shapes", "sensors", "images"])
+    parser.add_argument("picture", choices=["shapes", "sensors", "gel", "images"])
     parser.add_argument("path", type=Path, help="the picture, .png")
     parser.add_argument("run", type=Path, nargs="?", help="of images")
     parser.add_argument("objects", nargs="*", help="of images")
     parser.add_argument("--rows", choices=["objects", "grasps", "views"], default="objects", help="of images")
     parser.add_argument("--width", type=int, help="of images: pixels of the picture, at most")
     args = parser.parse_args()
-    if args.picture == "sensors":
-        draw_sensors(args.path)
+    if args.picture in ("sensors", "gel"):
+        (draw_sensors if args.picture == "sensors" else draw_gel)(args.path)
     elif args.picture == "images" and args.objects:
         images(args.run, args.objects, args.rows, args.width).save(args.path, optimize=True)
     elif args.picture == "images":

@@ -234,6 +234,7 @@ def sheet(pairs: Sequence[np.ndarray]) -> Image.Image:
 
 
 def main() -> None:
+    """Compare the meshes of a folder; exits with 1 if a shape differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--csv", type=Path, help="a row a file: what each reader says, the differences")

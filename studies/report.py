@@ -7,14 +7,17 @@ report.measure("stability", "rays", "results/default")
 """
 
 import importlib
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.results.tables import markdown
+from palpate.text_files import read_text
 from studies import figures, subjects, summaries
 from studies.error_vs_runtime import study
 from studies.omitted import omission
@@ -56,17 +59,18 @@ def measure(
 
 def join(report: str, items: Iterable[Path | str], table: Path | str, text: Path | str, figure: Path | str) -> None:
     """Join the tables of a report's items: all rows as CSV, a summary as Markdown, a figure as PNG; atomically."""
-    (summarise, draw, dropped), rows = JOINS[report], read(items)
-    write(rows.drop(columns=dropped), table)
-    with atomic_write(text) as path:
+    (summarise, draw, dropped), rows = JOINS[report], read(items := list(items))
+    made_from = seal.made_of(items)
+    write(rows.drop(columns=dropped), table, made_from)
+    with atomic_write(text, made_from) as path:
         path.write_text(markdown(summarise(rows)))
-    with atomic_write(figure) as path:
+    with atomic_write(figure, made_from) as path:
         draw(rows, path)
 
 
-def write(table: pd.DataFrame, path: Path | str) -> None:
-    """Write a table as CSV with six digits, atomically."""
-    with atomic_write(path) as partial:
+def write(table: pd.DataFrame, path: Path | str, made_from: seal.MadeFrom | None = None) -> None:
+    """Write a table as CSV with six digits, atomically; made_from: as for `atomic_write`."""
+    with atomic_write(path, made_from) as partial:
         table.to_csv(partial, index=False, float_format="%.6g")
 
 
@@ -76,4 +80,4 @@ def read(paths: Iterable[Path | str]) -> pd.DataFrame:
     The column `value` stays text: it holds numbers or words, depending on the knob.
     """
     how = {"keep_default_na": False, "na_values": [""], "dtype": {"value": str}}
-    return pd.concat([pd.read_csv(path, **how) for path in paths], ignore_index=True)
+    return pd.concat([pd.read_csv(io.StringIO(read_text(path)), **how) for path in paths], ignore_index=True)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from palpate.mesh import Geometry
 from palpate.mesh.distance import Surface
-from palpate.sensor import DIGIT, Sensor
 from palpate.touch import RayCaster
 from palpate.touch.rays import Block
 
@@ -19,14 +19,15 @@ class SphereTracer(RayCaster):
     hit.
     """
 
-    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), tolerance=TOLERANCE, sensor: Sensor = DIGIT):
-        """As for `RayCaster`; `tolerance` in metres."""
-        super().__init__(mesh, object_position, sensor)
+    def __init__(self, mesh: Geometry, tolerance: float = TOLERANCE):
+        """mesh: as for `RayCaster`. tolerance: metres."""
+        super().__init__(mesh)
         self._tolerance = tolerance
-        vertices = self._mesh.triangles.reshape(-1, 3)
+        vertices = self.mesh.triangles.reshape(-1, 3)
         self._surface = Surface(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
-    def _depth(self, origin, rotation, block: Block) -> np.ndarray:
+    def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
+        """Way (rows, columns) of each ray until it arrives, or beyond the sensor's range."""
         plane = self.sensor.plane[block]
         start = plane.reshape(-1, 3) @ rotation.T + origin
         travelled = np.zeros(len(start))

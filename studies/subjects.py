@@ -51,5 +51,5 @@ def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) ->
     selected = round_robin(usable, lambda subject: subject.class_name)[:objects]
     if not selected:
         raise ValueError(f"{run}: no usable object for a report: see {run / 'rejected'}")
-    log.info("objects: %s", ", ".join(each.name for each in selected))
+    log.info("objects: %s", ", ".join(subject.name for subject in selected))
     return selected

@@ -28,7 +28,7 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
         "stage": rows["stage"],
         "measure": rows["measure"] + ", " + rows["unit"],
         "method": rows["method"],
-        "knob": [setting(*each) for each in zip(rows["knob"], rows["value"], strict=True)],
+        "knob": [setting(*knob) for knob in zip(rows["knob"], rows["value"], strict=True)],
         "error": rows["error"].map(_number),
         "ms": middle + " (" + low + " to " + high + ")" + rows["noisy"].map({True: "?", False: ""}),
         **{key: rows[key].map({True: key, False: ""}) for key in ("front", "chosen")},

@@ -24,16 +24,16 @@ def sample(vertices: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
 
 
 def distances(one: Surface, other: Surface) -> tuple[float, float]:
-    """From one surface to another, the mean over the area of the first, and the largest found: at points spread evenly,
+    """Distances from one surface to another, mean over the area of the first and largest: at points spread evenly,
     at corners, and, finer and finer, at the middles of the triangles whose corners, then middles, are farthest."""
     spread, _ = other.closest(sample(one.vertices, one.faces, SAMPLES))
     corners = other.closest(one.vertices)[0][one.faces]
     largest = max(spread.max(), corners.max())
     triangles = one.vertices[one.faces[np.argsort(-corners.sum(axis=1), kind="stable")[:FIRST]]]
     for _ in range(ROUNDS):
-        found, _ = other.closest(triangles.mean(axis=1))
-        largest = max(largest, found.max())
-        points = triangles[np.argsort(-found, kind="stable")[:BEAM]].reshape(-1, 3)
+        away, _ = other.closest(triangles.mean(axis=1))
+        largest = max(largest, away.max())
+        points = triangles[np.argsort(-away, kind="stable")[:BEAM]].reshape(-1, 3)
         points, faces = subdivide(points, np.arange(len(points)).reshape(-1, 3))
         triangles = points[faces]
     return float(spread.mean()), float(largest)

@@ -26,9 +26,7 @@ class Timing(NamedTuple):
 def interleaved(
     methods: Mapping[str, Callable[[], object]],
     rounds: int = ROUNDS,
-    seed: int = 0,
     warm: bool = False,
-    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
     """Time each method once in every round, in random order.
 
@@ -42,20 +40,20 @@ def interleaved(
     if not warm:
         for function in methods.values():
             function()
-    order, seconds = np.random.default_rng(seed), {name: [] for name in methods}
+    order, seconds = np.random.default_rng(0), {name: [] for name in methods}
     for _ in range(rounds):
         for name in order.permutation(list(methods)):
-            seconds[name].append(_seconds(methods[name], clock))
+            seconds[name].append(_seconds(methods[name]))
     return {name: timing(values) for name, values in seconds.items()}
 
 
-def _seconds(function: Callable[[], object], clock: Callable[[], float]) -> float:
+def _seconds(function: Callable[[], object]) -> float:
     """Seconds of a call, the mean over as many calls as take `MINIMUM_DURATION`."""
-    calls, start = 0, clock()
+    calls, start = 0, time.perf_counter()
     while True:
         function()
         calls += 1
-        spent = clock() - start
+        spent = time.perf_counter() - start
         if spent >= MINIMUM_DURATION:
             return spent / calls
 

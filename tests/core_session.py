@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 EXTRAS = (
-    *("bpy", "mathutils", "embreex", "igl", "lxml", "manifold3d", "mapbox_earcut", "mujoco", "networkx", "OpenEXR"),
-    *("collada", "pymeshlab", "shapely", "lightning_fabric", "matplotlib", "torch", "snakemake"),
+    *("bpy", "mathutils", "embreex", "igl", "lxml", "manifold3d", "mujoco", "networkx", "OpenEXR"),
+    *("pymeshlab", "lightning_fabric", "matplotlib", "torch", "snakemake"),
 )
 
 

@@ -4,12 +4,13 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
 
 import palpate.store
+from palpate import seal
 from palpate.atomic import atomic_write, sweep
 from palpate.sensor import DIGIT
 from palpate.store import read, write
@@ -141,3 +142,47 @@ def test_a_write_that_is_killed_leaves_no_store_and_the_next_succeeds(tmp_path):
     write(path, "surface", arrays, ATTRIBUTES)
     np.testing.assert_array_equal(read(path)["points"], arrays["points"])
     assert [entry.name for entry in path.parent.iterdir()] == ["batch-0000.zarr"]
+
+
+@pytest.mark.parametrize("existing", [False, True])
+@pytest.mark.parametrize("stop", range(4))
+def test_a_file_is_never_beside_the_seal_of_another(tmp_path, monkeypatch, existing, stop):
+    """Wherever the process is killed between the renames: a file that is there is as its seal states."""
+    path = tmp_path / "thing.csv"
+    if existing:
+        with atomic_write(path, {}) as partial:
+            partial.write_text("old")
+    replace, done = os.replace, []
+
+    def killed(source, target):
+        if len(done) == stop:
+            raise KeyboardInterrupt
+        done.append(target)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", killed)
+    monkeypatch.setattr("palpate.atomic.remove", lambda path: None)  # nothing is tidied up, either
+    with suppress(KeyboardInterrupt), atomic_write(path, {}) as partial:
+        partial.write_text("new")
+    if path.exists():
+        assert seal.verify(path)
+        assert path.read_text() == ("old" if existing and stop == 0 else "new")
+
+
+def test_a_full_disk_leaves_the_old_file_with_its_seal(tmp_path):
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("only root may mount a file system")
+    try:
+        path = folder / "thing.csv"
+        with atomic_write(path, {}) as partial:
+            partial.write_text("old")
+        for size in (2**17, 2**16 - 2 * 4096):  # the file has no room, or its seal
+            with pytest.raises(OSError, match="No space left"), atomic_write(path, {}) as partial:
+                partial.write_bytes(bytes(size))
+            assert seal.verify(path) and path.read_text() == "old"
+            assert sorted(os.listdir(folder)) == [".thing.csv.seal.json", "thing.csv"]
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate import checksums, store
+from palpate import seal, store
 from palpate.atomic import atomic_write
 from palpate.batch import (
     Rejection,
@@ -25,7 +25,7 @@ from palpate.batch import (
     write_rejections,
 )
 from palpate.catalogue import read_catalogue
-from palpate.checksums import DamagedFile
+from palpate.seal import DamagedFile
 
 
 @given(st.integers(0, 2**32), st.lists(st.text(max_size=5), min_size=1, max_size=3))
@@ -218,7 +218,7 @@ def open_folder():
 
 def test_a_file_that_may_not_be_read_is_not_damaged(open_folder):
     folder = open_folder
-    table, record = folder / "catalogue.csv", folder / "meshes/manifest.json"
+    table, record = folder / "catalogue.csv", folder / "meshes/seal.json"
     table.write_text("object,class,split,batch\na,b,train,batch-0000\n")
     record.parent.mkdir()
     record.write_text("{}")
@@ -231,7 +231,7 @@ def test_a_file_that_may_not_be_read_is_not_damaged(open_folder):
     shard = next(path for path in (zarr / "object/c").rglob("*") if path.is_file())
     reads = {
         table: lambda: read_catalogue(table),
-        record: lambda: checksums.read_manifest(record.parent, "remove it"),
+        record: lambda: seal.read(record.parent),
         zarr / "zarr.json": lambda: store.open(zarr),
         shard: lambda: opened.get("object"),
         hdf5: lambda: store.open(hdf5),

@@ -32,6 +32,13 @@ def test_help_and_info_load_no_engine(built):
     assert done.returncode == 0, done.stderr
 
 
+def test_output_that_nobody_reads_ends_quietly(built):
+    command = [sys.executable, "-m", "palpate.command", "info", str(built)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process.stdout.close()  # as `head` does once it has its lines
+    assert process.stderr.read() == "" and process.wait() == 1
+
+
 def test_info_of_a_run(built, capsys):
     assert main(["info", str(built)]) == 0
     said = capsys.readouterr().out

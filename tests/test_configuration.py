@@ -5,7 +5,7 @@ import yaml
 from snakemake.cli import parse_config
 
 from palpate import sensor
-from palpate.configuration import ConfigError, check, read_yaml, typed, whole_numbers
+from palpate.configuration import ConfigError, check, in_order, read_yaml, typed, whole_numbers
 
 
 @pytest.mark.parametrize(
@@ -80,3 +80,9 @@ def test_values_of_the_command_line_are_typed_as_in_a_file(text):
 def test_what_is_typed_already_stays():
     values = {"a": 1, "b": [2.5, True, None, "text"], "c": {"d": "{"}}
     assert typed(values) == values
+
+
+def test_keys_come_in_the_order_of_the_defaults():
+    ordered = in_order({"z": 1, "b": {"y": 2, "x": [3], "w": 4}, "a": 5}, {"a": 0, "b": {"x": 0, "y": 0}})
+    assert ordered == {"a": 5, "b": {"x": [3], "y": 2, "w": 4}, "z": 1}
+    assert [*ordered] == ["a", "b", "z"] and [*ordered["b"]] == ["x", "y", "w"]

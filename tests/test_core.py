@@ -57,7 +57,7 @@ def test_without_engines(run, tmp_path):
 
 
 def test_the_blocked_modules_are_those_of_the_extras():
-    names = {"bpy": "mathutils", "pycollada": "collada", "libigl": "igl", "lightning-fabric": "lightning_fabric"}
+    names = {"bpy": "mathutils", "libigl": "igl", "lightning-fabric": "lightning_fabric"}
     wanted = {re.split("[;=<# ]", line)[0] for line in required("factory.in", "models.in")} - {""}
     assert {names.get(name, name) for name in wanted} | {"bpy", "snakemake"} == set(EXTRAS)
 

@@ -70,5 +70,6 @@ def test_a_damaged_file_is_to_be_removed_first_and_a_missing_one_only_built(run)
     assert rebuild_advice(run / "rejected.csv").startswith("build it with: snakemake rejected.csv ")
     (run / "rejected.csv").touch()
     assert rebuild_advice(run / "rejected.csv").startswith("remove it and build it again with: snakemake rejected.csv ")
-    os.symlink(run / "nowhere", run / "batches.json")  # a link to nothing is in the way, too
-    assert rebuild_advice(run / "batches.json", "the link").startswith("remove the link and build it again with: ")
+    os.symlink(run / "nowhere", run / "index.html")  # a link to nothing is in the way, too
+    assert rebuild_advice(run / "index.html", "the link").startswith("remove the link and build it again with: ")
+    assert rebuild_advice(run / "batches.json") == "start the run again, which writes it"

@@ -19,6 +19,7 @@ def test_an_object_is_rejected_by_what_its_stage_goes_back_to():
         "frames": ("grasps", "surface", "meshes"),
         "hold": ("grasps", "surface", "meshes"),
         "frame_images": ("frame_images", "grasps", "surface", "meshes"),
+        "press": ("press", "surface", "meshes"),
         "charts": ("touch", "grasps", "surface", "meshes"),
         "vision": ("vision", "grasps", "surface", "meshes"),
         "views": ("views", "meshes"),
@@ -28,9 +29,9 @@ def test_an_object_is_rejected_by_what_its_stage_goes_back_to():
 
 
 def test_lists_of_stages():
-    asked = ("frames", "hold", "frame_images")
+    asked = ("frames", "hold", "press", "frame_images")
     assert {*DATASET_STAGES} == {"released", "meshes", "surface", "grasps", "touch", "vision", *asked}
-    assert DATASET_STORES == ("surface", "grasps", "touch", "frames", "hold", "vision", "frame_images")
+    assert DATASET_STORES == ("surface", "grasps", "touch", "frames", "hold", "press", "vision", "frame_images")
     assert [each.name for each in STAGES.values() if not each.is_asked({})] == [*asked]
     assert STAGES["frames"].is_asked({"frames": {"count": 20}})
     assert set(CONTRACT) == set(STAGES) - {"meshes"}

@@ -14,10 +14,10 @@ from pathlib import Path
 from palpate.atomic import write_if_changed
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject
-from palpate.checksums import DamagedFile, read_record
+from palpate.rebuild_command import BATCHES, rebuild_advice
+from palpate.seal import NOTHING, DamagedFile
+from palpate.text_files import read_record
 
-PLACES = "batches.json"
-REMEDY = "remove it: batches are formed anew, and those that differ are made again"
 # With `batch_size: auto`. The jobs of a batch take 6 s of processor time to start, and each takes Snakemake some ms.
 # But one changed object makes its whole batch again (docs/evidence/performance.md).
 SMALLEST, LARGEST, FEWEST_BATCHES, MOST_BATCHES = 16, 32, 16, 625
@@ -64,17 +64,18 @@ def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tup
     to `LARGEST`, as many as leave it `FEWEST_BATCHES`; and more, so that it has at most `MOST_BATCHES`.
     Raises CatalogueError, naming the file and the remedy, if the run's own is damaged.
     """
-    path, size, places = Path(folder, PLACES), None, {}
+    path, size = Path(folder, BATCHES), 0
+    places: dict[str, str] = {}
     try:
         if path.exists():
-            held = read_record(path, REMEDY)
+            held = read_record(path)
             size = int(held["batch_size"])
             places = {str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()}
     except DamagedFile as error:
         raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CatalogueError(f"{path} is damaged ({type(error).__name__}): {REMEDY}") from None
-    if batch_size == "auto":
+        raise CatalogueError(f"{path} is damaged ({type(error).__name__}): {rebuild_advice(path)}") from None
+    if not isinstance(batch_size, int):  # auto
         batch_size = size or max(SMALLEST, min(objects // FEWEST_BATCHES, LARGEST), -(-objects // MOST_BATCHES))
     return batch_size, places if size == batch_size else {}
 
@@ -82,4 +83,4 @@ def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tup
 def write_batches(folder: Path | str, batch_size: int, places: Mapping[str, str]) -> None:
     """Write the batch of every object that the run has or had, if what stands there is another."""
     text = json.dumps({"batch_size": batch_size, "objects": dict(places)}, indent=0) + "\n"
-    write_if_changed(Path(folder, PLACES), text, checksum=True)
+    write_if_changed(Path(folder, BATCHES), text, NOTHING)

@@ -111,6 +111,7 @@ def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
 
 
 def _relative(text: str, root: Path, place: str) -> str:
+    """A path of the file, relative to the source's. Raises ConfigError, naming the place, if there is none."""
     try:
         path = Path(os.path.normpath(root / Path(text).expanduser()))
         relative = path.relative_to(os.path.normpath(root)).as_posix()
@@ -118,7 +119,7 @@ def _relative(text: str, root: Path, place: str) -> str:
         raise ConfigError(f"{place}: {text} is not below {root}: paths are relative to source.path") from None
     if not path.exists():  # as macOS writes names, or as others do
         forms = (unicodedata.normalize(form, relative) for form in ("NFC", "NFD"))
-        if existing := [each for each in forms if os.path.exists(os.path.join(root, each))]:
+        if existing := [form for form in forms if os.path.exists(os.path.join(root, form))]:
             return existing[0]
         raise ConfigError(f"{place}: {path}: no such file or folder: correct the path, or remove the line")
     return relative

@@ -15,6 +15,7 @@ from palpate.catalogue.source import CatalogueError, Source
 from palpate.catalogue.sources import class_counts
 from palpate.configuration import ConfigError, read_yaml
 from palpate.rebuild_command import RECORD
+from palpate.seal import NOTHING
 
 
 def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path | str) -> None:
@@ -50,7 +51,7 @@ def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path 
 
 def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project: Path | str) -> list[str]:
     """A line for each key that makes two configs those of different runs."""
-    before, now = (Source.from_config(each, project) for each in (recorded, config))
+    before, now = (Source.from_config(keys, project) for keys in (recorded, config))
     if before.kind == now.kind == "procedural":  # made in the run's folder, which may have been moved
         before = replace(before, path=now.path)
     pairs = {f"source.{key}": (old, getattr(now, key)) for key, old in asdict(before).items()}
@@ -68,4 +69,4 @@ def write_record(folder: Path | str, config: Mapping[str, Any]) -> None:
     """Write the config into a run's folder, if what stands there is another."""
     text = "# The config of this run, as it was last started: `--configfile` takes it.\n"
     text += yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
-    write_if_changed(Path(folder, RECORD), text)
+    write_if_changed(Path(folder, RECORD), text, NOTHING)

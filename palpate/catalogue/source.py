@@ -1,18 +1,18 @@
 """The source of a run's meshes: what the config says of it, and the layouts of data sets as they are published."""
 
-import os
 import re
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.configuration import absolute, read_yaml
 from palpate.mesh import FORMATS
+from palpate.released.layout import subfolders
 
 Scale = str | float  # `diagonal`, `keep`, or metres a unit of the file
-MESH_SUFFIXES = tuple(f".{each}" for each in FORMATS)
+MESH_SUFFIXES = tuple(f".{suffix}" for suffix in FORMATS)
 
 # ShapeNetCore's folders of the paper's classes (WordNet synset offsets). Others are asked for by their
 # number.
@@ -45,11 +45,6 @@ FORMAT_UP = {".glb": "y", ".gltf": "y"}
 UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
 
 
-def subfolders(folder: Path) -> list[str]:
-    """Names of the folders in a folder that are not hidden, sorted."""
-    return sorted(each.name for each in os.scandir(folder) if each.is_dir() and not each.name.startswith("."))
-
-
 @dataclass(frozen=True)
 class Source:
     """The section `source` of a config.
@@ -66,7 +61,7 @@ class Source:
     kind: str
     path: Path | str
     pattern: str | None = None
-    up: str | None = None
+    up: str = ""
     scale: Scale = "diagonal"
     objects: Path | str | None = None
     turned: bool = False
@@ -81,11 +76,9 @@ class Source:
     def from_config(cls, config: Mapping[str, Any], project: Path | str) -> "Source":
         """The source of a checked config, with absolute paths: relative ones are the project's.
 
-        Procedural objects are made in the run's folder. Keys of version 0.3 that are gone do not count. Raises
-        ConfigError as `absolute` does.
+        Procedural objects are made in the run's folder. Raises ConfigError as `absolute` does.
         """
-        known = {each.name for each in fields(cls)}
-        section = {key: value for key, value in config["source"].items() if key in known}
+        section = dict(config["source"])
         made_in = Path(absolute(config["results"], project), config["run"], "sources")
         section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None

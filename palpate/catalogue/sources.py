@@ -88,18 +88,18 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
     entries = []
     for name, count in classes.items():
         if source.kind == "released":
-            found, place = _released(source, name), root / SURFACES / name
+            candidates, place = _released(source, name), root / SURFACES / name
         elif table.gives_classes:
-            found, place = everything.get(name, []), Path(source.objects)
-            if not found:
+            candidates, place = everything.get(name, []), Path(source.objects or "")
+            if not candidates:
                 raise CatalogueError(f"{place}: no mesh is of class {name}; there are {listed(sorted(everything))}")
         else:
-            found = _candidates(source, name, table)
+            candidates = _candidates(source, name, table)
             own_folder = source.has_class_folders and not source.pattern
             place = root / source.folder_of(name) if own_folder else root
-        if not found and source.pattern:
+        if not candidates and source.pattern:
             raise CatalogueError(_no_mesh(source))
-        entries += _chosen([_described(entry, table, source) for entry in found], place, name, count)
+        entries += _chosen([_described(entry, table, source) for entry in candidates], place, name, count)
     for entry in entries:
         path = os.path.join(root, entry.source)
         if os.path.islink(path) and not os.path.exists(path):
@@ -109,14 +109,14 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
     return _turned(source, _distinct(entries))
 
 
-def style_of(entry: SourceObject, seed: int) -> str:
+def style_of(name: str, class_name: str, seed: int) -> str:
     """The style of a procedural object. Raises CatalogueError for an object of another source."""
-    index = entry.object.removeprefix(f"{entry.class_name}-")
-    if entry.class_name not in shapes.CLASSES or not index.isdigit():
+    index = name.removeprefix(f"{class_name}-")
+    if class_name not in shapes.CLASSES or not index.isdigit():
         raise CatalogueError(
-            f"{entry.object}: only procedural objects have styles: set `split: {{held_out: objects}}` in the config"
+            f"{name}: only procedural objects have styles: set `split: {{held_out: objects}}` in the config"
         )
-    return shapes.style(entry.class_name, int(index), seed)
+    return shapes.style(class_name, int(index), seed)
 
 
 def all_classes(source: Source) -> dict[str, Count]:
@@ -128,38 +128,37 @@ def all_classes(source: Source) -> dict[str, Count]:
     Raises `CatalogueError` if the folder is missing or holds none, and for procedural objects, which have no end.
     """
     if source.kind == "released":
-        return dict.fromkeys([each.class_name for each in _released_objects(source)], "all")
+        return dict.fromkeys([released.class_name for released in _released_objects(source)], "all")
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
     root, table = _root(source), _object_table(source)
     if source.has_class_folders and not source.pattern and not (table.gives_classes or table.excludes):
         folders = source.class_folders(root)
-        found = [
-            each for each in folders if any(next(_matches(root, _filled(name, each)), None) for name in source.patterns)
-        ]
-        if empty := [each for each in folders if each not in found]:
+        patterns = {folder: [_filled(pattern, folder) for pattern in source.patterns] for folder in folders}
+        full = [folder for folder in folders if any(next(_matches(root, filled), None) for filled in patterns[folder])]
+        if empty := [folder for folder in folders if folder not in full]:
             log.warning("%s: no mesh in %s: no classes", root, listed(empty))
-        if not found:
+        if not full:
             raise CatalogueError(
                 f"{root}: no folder of a class in it: put meshes in {root}/<class>/, or set source.pattern "
                 '("*.obj" for files without such folders)'
             )
-        return dict.fromkeys(map(source.class_of, found), "all")
-    found = _by_class(_candidates(source, None, table), table)
-    if not found:
+        return dict.fromkeys(map(source.class_of, full), "all")
+    by_class = _by_class(_candidates(source, None, table), table)
+    if not by_class:
         raise CatalogueError(_no_mesh(source))
-    return dict.fromkeys(sorted(found), "all")
+    return dict.fromkeys(sorted(by_class), "all")
 
 
 def unread_lines(source: Source) -> list[str]:
     """Lines on files below the source's path that have 3D data in formats that are not read, and what to do."""
-    found: dict[tuple[str, str], list[str]] = {}
+    of_format: dict[tuple[str, str], list[str]] = {}
     if source.kind in LAYOUTS and Path(source.path).is_dir():
         for file in _each_mesh(Path(source.path), UNREAD_SUFFIX):
-            found.setdefault(UNREAD[os.path.splitext(file)[1].lower()], []).append(file)
+            of_format.setdefault(UNREAD[os.path.splitext(file)[1].lower()], []).append(file)
     return [
         f"{len(files)} {name} file{'s' * (len(files) > 1)} passed over ({listed(sorted(files), 3)}): {remedy}"
-        for (name, remedy), files in sorted(found.items())
+        for (name, remedy), files in sorted(of_format.items())
     ]
 
 
@@ -182,6 +181,7 @@ def class_counts(config: Mapping[str, Any], source: Source) -> dict[str, Count]:
 
 
 def _root(source: Source) -> Path:
+    """The folder of a source. Raises CatalogueError if it is missing."""
     root = Path(source.path)
     if not root.is_dir():
         raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {source.kind} source")
@@ -189,6 +189,7 @@ def _root(source: Source) -> Path:
 
 
 def _check_classes(classes: Mapping[str, Count]) -> None:
+    """Raise CatalogueError for a class's name or number that can't be used."""
     file_names: dict[str, str] = {}
     for name, count in classes.items():
         if not re.fullmatch(CLASS_NAME, str(name)):
@@ -203,6 +204,7 @@ def _check_classes(classes: Mapping[str, Count]) -> None:
 
 
 def _object_table(source: Source) -> ObjectTable:
+    """What users say of the objects of a source."""
     return read_object_table(source.objects, source.path) if source.objects else ObjectTable()
 
 
@@ -219,10 +221,10 @@ def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> l
     """The objects of a class, or of all classes, named by their paths, without what users say of them, but for files
     that they exclude."""
     entries = _one_of_each(
-        each
+        entry
         for pattern in source.patterns
-        for each in _of_pattern(source, pattern, class_name)
-        if table.of(each.source, "").exclude != "yes"
+        for entry in _of_pattern(source, pattern, class_name)
+        if table.of(entry.source, "").exclude != "yes"
     )
     if not source.pattern:
         _warn_of_folders_without(source, class_name, entries)
@@ -261,7 +263,7 @@ def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | N
         return {folder: source.class_of(folder) for place in places for folder in source.class_folders(root / place)}
     own, place = source.folder_of(class_name), root.joinpath(*above)
     forms = dict.fromkeys([own, *(normalize(form, own) for form in ("NFC", "NFD"))])
-    same = [each for each in forms if glob.glob("/".join([*above, glob.escape(each), ""]), root_dir=root)]
+    same = [form for form in forms if glob.glob("/".join([*above, glob.escape(form), ""]), root_dir=root)]
     if not same and not any(map(glob.has_magic, above)):
         present = listed(source.class_folders(place)) if place.is_dir() else "nothing"
         raise CatalogueError(
@@ -276,16 +278,16 @@ def _matches(root: Path, pattern: str) -> Iterator[str]:
     if deep:
         folders = glob.iglob(above, root_dir=root) if above else [""]
         rest = rest.lstrip("/") or "*"
-        found = (
+        files = (
             folder + file
             for folder in folders
             for file in _each_mesh(root / folder)
             if rest == "*" or PurePosixPath(file).match(rest)  # by its last parts
         )
     else:
-        found = (file for file in glob.iglob(pattern, root_dir=root) if MESH_SUFFIX.search(file))
-        found = (file for file in found if not (root / file).is_dir())
-    return (file.encode("utf-8", "backslashreplace").decode() for file in found)  # see `named_files.unusable`
+        matches = (file for file in glob.iglob(pattern, root_dir=root) if MESH_SUFFIX.search(file))
+        files = (file for file in matches if not (root / file).is_dir())
+    return (file.encode("utf-8", "backslashreplace").decode() for file in files)  # see `named_files.unusable`
 
 
 def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[str]:
@@ -304,8 +306,8 @@ def _returns(top: Path, folder: Path) -> bool:
     if not folder.is_symlink():
         return False
     target = os.path.realpath(folder)
-    above = [os.path.realpath(each) for each in folder.parents if each == top or top in each.parents]
-    return any(os.path.commonpath((each, target)) == target for each in above)
+    above = [os.path.realpath(parent) for parent in folder.parents if parent == top or top in parent.parents]
+    return any(os.path.commonpath((parent, target)) == target for parent in above)
 
 
 def _warn_of_folders_without(source: Source, class_name: str | None, entries: Iterable[SourceObject]) -> None:
@@ -313,9 +315,9 @@ def _warn_of_folders_without(source: Source, class_name: str | None, entries: It
     place = Path(source.path)
     if "*" in source.patterns[0].split("/")[-1] or (source.has_class_folders and class_name is None):
         return
-    if source.has_class_folders:
+    if source.has_class_folders and class_name is not None:
         place /= source.folder_of(class_name)
-    if place.is_dir() and (without := sorted(set(subfolders(place)) - {each.object for each in entries})):
+    if place.is_dir() and (without := sorted(set(subfolders(place)) - {entry.object for entry in entries})):
         log.warning("%s: no mesh in %d models: %s", place, len(without), listed(without))
 
 
@@ -325,37 +327,37 @@ def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
     Of a layout's patterns that end with a file's name, the first that matches counts.
     """
     groups: dict[tuple[str, ...], list[SourceObject]] = {}
-    for each in entries:
-        is_named_by_file = MESH_SUFFIX.sub("", each.source).endswith(each.object)
-        groups.setdefault((each.class_name, *([] if is_named_by_file else [each.object])), []).append(each)
+    for entry in entries:
+        is_named_by_file = MESH_SUFFIX.sub("", entry.source).endswith(entry.object)
+        groups.setdefault((entry.class_name, *([] if is_named_by_file else [entry.object])), []).append(entry)
     chosen = []
     for (_, *name), group in groups.items():
-        objects = [range(len(group))]
+        objects: Iterable[Iterable[int]] = [range(len(group))]
         if not name:
-            group.sort(key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
-            objects = of_one_object([each.object for each in group])
+            group.sort(key=lambda entry: PREFERENCE.index(os.path.splitext(entry.source)[1].lower()))
+            objects = of_one_object([entry.object for entry in group])
         for best, *others in objects:
-            chosen.append(group[best]._replace(others=tuple(sorted(group[each].source for each in others))))
+            chosen.append(group[best]._replace(others=tuple(sorted(group[other].source for other in others))))
     return chosen
 
 
 def _without_general_names(entries: Iterable[SourceObject]) -> list[SourceObject]:
     """The entries, named by their folders where a file's name says nothing: `003_can/textured`, alone there."""
-    steps = [(each, [each.class_name, *each.object.split("/")]) for each in entries]
+    steps = [(entry, [entry.class_name, *entry.object.split("/")]) for entry in entries]
     below = Counter(tuple(path[:end]) for _, path in steps for end in range(2, len(path) + 1))
     for _, path in steps:
         while len(path) > 2 and is_general(path[-1]) and below[tuple(path[:-1])] == 1:
             path.pop()
-    return [each._replace(object="/".join(path[1:])) for each, path in steps]
+    return [entry._replace(object="/".join(path[1:])) for entry, path in steps]
 
 
 def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:
     """The objects of each class, after what users say of classes."""
-    found: dict[str, list[SourceObject]] = {}
+    by_class: dict[str, list[SourceObject]] = {}
     for entry in entries:
         name = table.of(entry.source, entry.class_name).class_name
-        found.setdefault(name, []).append(entry._replace(class_name=name))
-    return found
+        by_class.setdefault(name, []).append(entry._replace(class_name=name))
+    return by_class
 
 
 def _described(entry: SourceObject, table: ObjectTable, source: Source) -> SourceObject:
@@ -379,8 +381,8 @@ def _collada_up(path: Path) -> str:
     if unusable(path):
         return "y"
     with open(path, "rb") as file:
-        found = re.search(rb"<up_axis>\s*([XYZ])_UP", file.read(HEAD))
-    return found[1].decode().lower() if found else "y"
+        axis = re.search(rb"<up_axis>\s*([XYZ])_UP", file.read(HEAD))
+    return axis[1].decode().lower() if axis else "y"
 
 
 def _turned(source: Source, entries: Iterable[SourceObject]) -> list[SourceObject]:
@@ -392,25 +394,32 @@ def _turned(source: Source, entries: Iterable[SourceObject]) -> list[SourceObjec
 
 
 def _procedural(source: Source, name: str, count: Count) -> list[SourceObject]:
+    """The first objects of a procedural class."""
     if name not in shapes.CLASSES:
         raise CatalogueError(f"class {name}: the procedural classes are {', '.join(shapes.CLASSES)}")
-    if count == "all":
+    if not isinstance(count, int):
         raise CatalogueError(f"class {name}: procedural objects have no end: ask for a number, not for `all`")
     names = [f"{name}-{index:04d}" for index in range(count)]
-    files = [f"{name}/{each}{shapes.suffix(index)}" for index, each in enumerate(names)]
-    return [SourceObject(each, name, file, source.up, source.scale) for each, file in zip(names, files, strict=True)]
+    return [
+        SourceObject(object_name, name, f"{name}/{object_name}{shapes.suffix(index)}", source.up, source.scale)
+        for index, object_name in enumerate(names)
+    ]
 
 
 def _released(source: Source, name: str) -> list[SourceObject]:
-    objects = _released_objects(source)
-    found = [each for each in objects if each.class_name == name]
-    if not found:
-        present = dict.fromkeys(each.class_name for each in objects)
+    """The objects of a class of a released dataset."""
+    everything = _released_objects(source)
+    objects = [released for released in everything if released.class_name == name]
+    if not objects:
+        present = dict.fromkeys(released.class_name for released in everything)
         raise CatalogueError(f"{source.path}: no object of class {name}; it has {listed(present)}")
-    return [SourceObject(_object(name, each.name), name, each.source, split=each.split) for each in found]
+    return [
+        SourceObject(_object(name, released.name), name, released.source, split=released.split) for released in objects
+    ]
 
 
 def _released_objects(source: Source) -> list[ReleasedObject]:
+    """All objects of a released dataset. Raises CatalogueError if it can't be read."""
     try:
         return read_released(source.path)
     except UnusableObject as error:
@@ -441,6 +450,7 @@ def _safe(text: str, origin: str) -> str:
 
 
 def _hash(text: str) -> str:
+    """Eight digits that tell texts apart."""
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
@@ -467,7 +477,7 @@ def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) 
     if not entries:
         raise CatalogueError(f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}")
     entries = _distinct(sorted(entries, key=lambda entry: (entry.source.count("/"), entry.source)))
-    if count != "all":
+    if isinstance(count, int):
         if len(entries) < count:
             raise CatalogueError(
                 f"{folder}: {len(entries)} meshes of class {name}, the config asks for {count}: add meshes, "

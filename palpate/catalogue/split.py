@@ -19,7 +19,7 @@ def assign_split(object_name: str, ratios: Mapping[str, float] = PAPER_SPLIT) ->
     It depends on nothing else, so an object never changes its split when others are added or removed. As a
     name begins with its class, every class is split in these proportions (up to chance: this is no quota).
     """
-    return _cut(_fraction(object_name, SALT), ratios)
+    return _cut(_fraction(object_name), ratios)
 
 
 def held_out_styles(class_name: str, styles: Iterable[str], ratios: Mapping[str, float] = PAPER_SPLIT) -> set[str]:
@@ -27,7 +27,7 @@ def held_out_styles(class_name: str, styles: Iterable[str], ratios: Mapping[str,
 
     Their number is in proportion to validation and test: at least one, unless both have no share, and not all.
     """
-    ordered = sorted(styles, key=lambda style: _fraction(f"{class_name}-{style}", SALT))
+    ordered = sorted(styles, key=lambda style: _fraction(f"{class_name}-{style}"))
     rest = 1 - ratios["train"] / sum(ratios[split] for split in SPLITS)
     return set(ordered[: min(max(round(rest * len(ordered)), rest > 0), len(ordered) - 1)])
 
@@ -37,8 +37,9 @@ def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
 
     Of fewer objects than splits, one is in each of the first splits. None for names whose hashes are too close.
     """
-    fractions = sorted(_fraction(name, SALT) for name in object_names)
-    count, cuts, reached = len(fractions), [], 0.0
+    fractions = sorted(_fraction(name) for name in object_names)
+    cuts: list[int] = []
+    count, reached = len(fractions), 0.0
     splits, total = SPLITS[:count], sum(PAPER_SPLIT.values())
     for position, split in enumerate(splits[:-1]):
         reached += PAPER_SPLIT[split] / total
@@ -47,18 +48,20 @@ def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
     places = [0.0, *((fractions[cut - 1] + fractions[cut]) / 2 for cut in cuts), 1.0]
     for whole in (100, 10_000, 10**6, 10**9):
         edges = [round(place * whole) for place in places]
-        found = {split: edges[i + 1] - edges[i] for i, split in enumerate(splits)}
-        if min(found.values()) > 0 and {_cut(each, found) for each in fractions} == set(splits):
-            return found
+        ratios = {split: edges[i + 1] - edges[i] for i, split in enumerate(splits)}
+        if min(ratios.values()) > 0 and {_cut(fraction, ratios) for fraction in fractions} == set(splits):
+            return ratios
     return None
 
 
-def _fraction(object_name: str, salt: str) -> float:
-    digest = hashlib.sha256(f"{salt}\0{object_name}".encode()).digest()
+def _fraction(name: str) -> float:
+    """A number in [0, 1) that depends on the name only."""
+    digest = hashlib.sha256(f"{SALT}\0{name}".encode()).digest()
     return int.from_bytes(digest[:8], "big") / 2**64
 
 
 def _cut(fraction: float, ratios: Mapping[str, float]) -> str:
+    """The split at a place in [0, 1), which the ratios cut in order."""
     shares = {split: ratios.get(split, 0) for split in SPLITS}
     total, reached = sum(shares.values()), 0.0
     for split, share in shares.items():

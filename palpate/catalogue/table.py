@@ -2,20 +2,22 @@
 
 import csv
 import hashlib
+import json
 import sys
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate import named_files, provenance, shapes
+from palpate import named_files, shapes
 from palpate.atomic import atomic_write
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject, listed, style_of
 from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
-from palpate.checksums import DamagedFile, read_rows, size_and_sha256
 from palpate.rebuild_command import rebuild_advice, rebuild_command, run_folder
 from palpate.released import layout
+from palpate.seal import NOTHING, DamagedFile, MadeFrom, size_and_sha256
+from palpate.text_files import read_rows
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others", "turn", "style")
 OTHERS = "; "
@@ -76,7 +78,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
         raise CatalogueError(_why_missing(Path(path)))
     again = rebuild_advice(path)
     try:
-        rows = read_rows(path, COLUMNS[:4], again)
+        rows = read_rows(path, COLUMNS[:4])
     except DamagedFile as error:
         raise CatalogueError(str(error)) from None
     entries = [
@@ -97,7 +99,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
 
 
 def splits_of(
-    entries: Iterable[SourceObject | CatalogueEntry],
+    entries: Sequence[SourceObject] | Sequence[CatalogueEntry],
     ratios: Mapping[str, Any],
     seed: int = 0,
     groups: Iterable[Sequence[str]] = (),
@@ -110,14 +112,16 @@ def splits_of(
     copies (`copies`): they are in the split that one of them is given, or else in that of the first; several that are
     given stay. Raises CatalogueError for objects without a style.
     """
-    entries, shares = {each.object: each for each in entries}, {split: ratios[split] for split in SPLITS}
-    first = {name: name for name in entries} | {name: group[0] for group in groups for name in group}
-    splits = {first[name]: each.split for name, each in reversed(entries.items()) if each.split}
-    names = [name for name in entries if first[name] == name and name not in splits]
+    given = {entry.object: entry.split for entry in entries}
+    of_class = {entry.object: entry.class_name for entry in entries}
+    shares = {split: ratios[split] for split in SPLITS}
+    first = {name: name for name in given} | {name: group[0] for group in groups for name in group}
+    splits = {first[name]: split for name, split in reversed(given.items()) if split}
+    names = [name for name in given if first[name] == name and name not in splits]
     if ratios.get("held_out") == "styles":
-        styles = {name: style_of(entries[name], seed) for name in names}
-        of_class = {name: entries[name].class_name for name in names}
-        unseen = {each: held_out_styles(each, shapes.styles(each), shares) for each in set(of_class.values())}
+        styles = {name: style_of(name, of_class[name], seed) for name in names}
+        classes = {of_class[name] for name in names}
+        unseen = {name: held_out_styles(name, shapes.styles(name), shares) for name in classes}
         seen, rest = {"train": 1}, {**shares, "train": 0}
         splits |= {
             name: assign_split(name, rest if style in unseen[of_class[name]] else seen)
@@ -126,7 +130,7 @@ def splits_of(
     else:
         filled = fill(shares, names, set(splits.values()))
         splits |= {name: assign_split(name, filled) for name in names}
-    return {name: each.split or splits[first[name]] for name, each in entries.items()}
+    return {name: split or splits[first[name]] for name, split in given.items()}
 
 
 def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[str] = ()) -> Mapping[str, float]:
@@ -135,10 +139,10 @@ def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[st
 
     given: splits that further objects are given.
     """
-    filled = {assign_split(each, ratios) for each in names}
+    filled = {assign_split(name, ratios) for name in names}
     if not names or min(ratios.values()) <= 0 or len(filled) > 2 or (given and "train" in filled | set(given)):
         return ratios
-    return {"train": 1} if given else suggest_split(names)
+    return {"train": 1} if given else suggest_split(names) or ratios
 
 
 def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
@@ -152,7 +156,8 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    place, first = {name: number for number, name in enumerate(checksums)}, {}
+    place = {name: number for number, name in enumerate(checksums)}
+    first: dict[str, int] = {}
     pairs = [(number, first.setdefault(checksums[name] or name, number)) for name, number in place.items()]
     if shapes:
         rows = np.array([[*sorted(sides), area] for *sides, area in shapes.values()]).round(6)
@@ -227,20 +232,20 @@ def build(
             str(entry.scale),
             OTHERS.join(entry.others),
             str(entry.turn or ""),
-            "" if seed is None else style_of(entry, seed),
+            "" if seed is None else style_of(entry.object, entry.class_name, seed),
         )
         for entry in entries
     ]
 
 
-def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry]) -> None:
-    """Write the rows of a `catalogue.csv`, with its checksum beside it."""
-    with atomic_write(path, checksum=True) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry], made_from: MadeFrom = NOTHING) -> None:
+    """Write the rows of a `catalogue.csv`, and its seal with what they were made from."""
+    with atomic_write(path, made_from) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([COLUMNS, *entries])
 
 
 def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
-    """As `palpate.named_files.companions`; of a released surface the object's images and scenes."""
+    """The files of `palpate.named_files.companions`; of a released surface the object's images and scenes."""
     if path.suffix.lower() == ".npy":
         return sorted(name for name in layout.files(path) if (path.parent / name).is_file())
     return named_files.companions(path, root, head)
@@ -266,7 +271,7 @@ def checksum(path: Path, files: Path | str | None = None) -> str:
 
 
 def require_unchanged(path: Path, before: str, files: Path | str | None = None) -> None:
-    """Raise `palpate.checksums.DamagedFile` if a source file is not the one of this `checksum` any more."""
+    """Raise `palpate.seal.DamagedFile` if a source file is not the one of this `checksum` any more."""
     try:
         same = checksum(path, files) == before
     except CatalogueError:
@@ -275,8 +280,14 @@ def require_unchanged(path: Path, before: str, files: Path | str | None = None) 
         raise DamagedFile(f"{path} has changed while it was read (checksum): start again once it is written")
 
 
-def sources_of(entries: Sequence[CatalogueEntry]) -> str:
-    """Digest of a batch's source files; empty if the catalogue does not state checksums."""
+def sources_of(entries: Iterable[CatalogueEntry]) -> dict[str, str]:
+    """What a batch's meshes state of their source files: one digest of name, checksum, up axis, scale and turn of all.
+
+    It is empty if the catalogue does not state checksums.
+    """
+    entries = list(entries)
     if not any(entry.checksum for entry in entries):
-        return ""
-    return provenance.sources_digest((each.object, each.checksum, each.up, each.scale, each.turn) for each in entries)
+        return {}
+    rows = [[each.object, each.checksum, each.up, each.scale, *filter(None, [each.turn])] for each in entries]
+    digest = hashlib.sha256(json.dumps(rows).encode()).hexdigest()
+    return {f"sources of {entries[0].batch}": digest}

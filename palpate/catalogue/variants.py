@@ -79,7 +79,7 @@ def is_collision(path: str) -> bool:
 def of_one_object(paths: Sequence[str]) -> Iterable[list[int]]:
     """Positions of the paths, without suffixes, of each object, the best of `WORDS` first."""
     variants = [variant(path) for path in paths]
-    sure = {each.object for each in variants if each.sure}
+    sure = {of_path.object for of_path in variants if of_path.sure}
     groups, in_folder = defaultdict(list), defaultdict(set)
     for position, (key, _, _) in enumerate(variants):
         key = key if key in sure or not key[-1] else tuple(paths[position].split("/"))
@@ -87,7 +87,7 @@ def of_one_object(paths: Sequence[str]) -> Iterable[list[int]]:
         in_folder[key[:-1]].add(key)
     for folder, keys in in_folder.items():  # hulls that are named for nothing, beside one object
         hulls = (*folder, "")
-        if hulls in sure and len(keys) == 2 and all(variants[each].rank == COLLISION for each in groups[hulls]):
+        if hulls in sure and len(keys) == 2 and all(variants[hull].rank == COLLISION for hull in groups[hulls]):
             (other,) = keys - {hulls}
             groups[other] += groups.pop(hulls)
-    return (sorted(group, key=lambda each: variants[each].rank) for group in groups.values())
+    return (sorted(group, key=lambda position: variants[position].rank) for group in groups.values())

@@ -129,12 +129,12 @@ def welded_patches() -> tuple[np.ndarray, np.ndarray]:
     corners, triangles = base_triangles()
     weights = patch_weights()
     known: dict[tuple, int] = {}
-    directions = []
+    directions: list[np.ndarray] = []
     index = np.zeros((len(triangles), CHART_VERTICES), dtype=np.int64)
     for chart, triangle in enumerate(triangles):
         for vertex, weight in enumerate(weights):
             # A boundary vertex is known by the corners it lies between, the same from either side.
-            key = tuple(sorted((corner, w) for corner, w in zip(triangle, weight, strict=True) if w))
+            key: tuple = tuple(sorted((corner, w) for corner, w in zip(triangle, weight, strict=True) if w))
             if vertex >= CHART_BOUNDARY:
                 key = (chart, vertex)
             if key not in known:

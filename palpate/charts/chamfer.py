@@ -37,11 +37,11 @@ def build_tree(points: Tensor) -> cKDTree:
 def nearest_in_blocks(query: Tensor, points: Tensor, pairs: int = BLOCK_PAIRS) -> Tensor:
     """`nearest` by looking at all pairs, at most `pairs` (or one query's) at a time."""
     rows = max(1, pairs // len(points))
-    found = [
+    nearest_rows = [
         torch.cdist(block, points, compute_mode="donot_use_mm_for_euclid_dist").argmin(dim=1)
         for block in query.split(rows)
     ]
-    return torch.cat(found)
+    return torch.cat(nearest_rows)
 
 
 def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tensor:

@@ -26,8 +26,8 @@ def spread(valid: Tensor, count: int) -> Tensor:
     total = rank[..., -1:]
     share = torch.linspace(0, 1, count, dtype=torch.float64, device=valid.device)
     wanted = (share * (total - 1).clamp(min=0)).round().long() + 1
-    found = torch.searchsorted(rank.contiguous(), wanted.contiguous())
-    return torch.where(total > 0, found, 0)
+    place = torch.searchsorted(rank.contiguous(), wanted.contiguous())
+    return torch.where(total > 0, place, 0)
 
 
 def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, size: Size = DIGIT.size) -> Tensor:

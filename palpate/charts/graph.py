@@ -5,7 +5,7 @@ vertices, the vertices themselves), and the block between the touch charts' refe
 boundary vertices of vision charts, which has rank two. docs/evidence/models.md has the times of other ways.
 """
 
-from typing import Literal
+from typing import Any, Literal, Self
 
 import torch
 from torch import Tensor, nn
@@ -14,7 +14,6 @@ from torch.nn import functional
 from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
 
 Kind = Literal["charts", "sphere"]
-Normalisation = Literal["symmetric", "mean"]
 
 
 def mesh_edges(faces: Tensor) -> Tensor:
@@ -46,7 +45,16 @@ class Graph(nn.Module):
     Raises ValueError for another kind or normalisation, or a negative number.
     """
 
-    def __init__(self, touch_charts: int = 0, kind: Kind = "charts", normalisation: Normalisation = "symmetric"):
+    faces: Tensor
+    reference: Tensor
+    neighbour: Tensor
+    start: Tensor
+    weight: Tensor
+    transposed: Tensor
+    left: Tensor
+    right: Tensor
+
+    def __init__(self, touch_charts: int = 0, kind: Kind = "charts", normalisation: str = "symmetric"):
         super().__init__()
         if normalisation not in ("symmetric", "mean"):
             raise ValueError(f"normalisation {normalisation!r}; must be symmetric or mean")
@@ -67,9 +75,9 @@ class Graph(nn.Module):
         reference = len(atlas.vertices) + touch_chart().centre + TOUCH_VERTICES * torch.arange(self.touch_charts)
         self.register_buffer("faces", faces, persistent=False)
         self.register_buffer("reference", reference, persistent=False)
-        self._operator(edges, atlas.boundary)
+        self.build_operator(edges, atlas.boundary)
 
-    def _operator(self, edges: Tensor, boundary: Tensor) -> None:
+    def build_operator(self, edges: Tensor, boundary: Tensor) -> None:
         """Buffers of the normalised adjacency: sorted rows of the sparse part, factors of the rest."""
         itself = torch.arange(self.vertices)[:, None].expand(-1, 2)
         keys = torch.cat([edges, edges.flip(1), itself]) @ torch.tensor([self.vertices, 1])
@@ -123,9 +131,9 @@ class Graph(nn.Module):
                 self._converted[dtype] = tuple(factor.to(dtype) for factor in factors)
         return self._converted[dtype]
 
-    def _apply(self, function, *arguments):
+    def _apply(self, *arguments: Any) -> Self:
         """Called where the module goes to another device or type."""
         self._converted.clear()
-        return super()._apply(function, *arguments)
+        return super()._apply(*arguments)
 
     forward = aggregate

@@ -55,14 +55,14 @@ class JoinedArray(Sequence):
     def __len__(self) -> int:
         return len(self._entries)
 
-    def __getitem__(self, index: Index | tuple) -> np.ndarray:
+    def __getitem__(self, index: Index | tuple) -> np.ndarray:  # type: ignore[override]  # one type, however indexed
         """Indexes as numpy does: numbers and slices, and in the first place also one list or mask of objects.
 
         Only the chunks that these need are read. Raises IndexError for an index out of range and for any other, which
         the result takes: `array[:][mask]`. Raises StoreError if objects differ in shape.
         """
         first, *further = (index if isinstance(index, tuple) else (index,)) or (slice(None),)
-        if not all(isinstance(each, int | np.integer | slice) for each in further):
+        if not all(isinstance(part, int | np.integer | slice) for part in further):
             raise IndexError(f"{self!r} takes numbers and slices, and one list of objects in the first place")
         if isinstance(first, int | np.integer):
             return self._run.read(self._stage, self._name, self._entries[first], tuple(further))
@@ -74,7 +74,7 @@ class JoinedArray(Sequence):
         result = np.empty((len(entries), *np.broadcast_to(0, shape)[tuple(further)].shape), dtype)
         for place, (entry, values) in enumerate(zip(entries, records, strict=True)):
             if values.shape != result.shape[1:]:
-                paths = [self._run.store(self._stage, each.batch).path for each in (entry, self._entries[0])]
+                paths = [self._run.store(self._stage, other.batch).path for other in (entry, self._entries[0])]
                 raise StoreError(
                     f"{paths[0]}: {self._name} of an object is {values.shape}, but {result.shape[1:]} in {paths[1]}; "
                     "build both again from one config"

@@ -8,7 +8,7 @@ import csv
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,13 +17,12 @@ import numpy as np
 
 from palpate.camera import Camera
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, read_record
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, Geometry, load_geometry, read_record
 from palpate.sensor import DIGIT, Sensor
-from palpate.touch import local_points, shade
+from palpate.store.contract import CONTRACT
+from palpate.touch import local_points, shade, shade_pressed
 
 if TYPE_CHECKING:
-    import trimesh
-
     from palpate.mesh.distance import Surface
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
@@ -55,7 +54,7 @@ with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as fi
 
 
 # Checks that need a compiled engine of the extra `factory`, and the engine.
-ENGINES = {"on mesh": "igl", "picture of mesh": "embreex"}
+ENGINES = {"on mesh": "igl", "picture of mesh": "embreex", "outside": "embreex"}
 
 
 @cache
@@ -77,12 +76,24 @@ class CheckedObject:
     hand: Hand | None = None
     sensor: Sensor = DIGIT
 
+    @property
+    def required_hand(self) -> Hand:
+        """The hand, for the checks that need one. Raises ValueError without it."""
+        if self.hand is None:
+            raise ValueError(f"{self.folder}: the grasps of this object have no hand")
+        return self.hand
+
     @cached_property
-    def mesh(self) -> "trimesh.Trimesh":
+    def mesh(self) -> Geometry:
         """The visual mesh in the world."""
-        mesh = load_visual(self.folder)
-        mesh.vertices = mesh.vertices + OBJECT_POSITION
-        return mesh
+        vertices, faces = load_geometry(self.folder)
+        return Geometry(vertices + OBJECT_POSITION, faces)
+
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) of the box around the mesh's faces, in the world."""
+        corners = self.mesh.vertices[self.mesh.faces.ravel()]
+        return corners.min(axis=0), corners.max(axis=0)
 
     @cached_property
     def diagonal(self) -> float:
@@ -119,7 +130,7 @@ Measured = Iterator[tuple[str, np.ndarray | float]]
 
 def check_mesh(item: CheckedObject) -> Measured:
     """Whether the mesh keeps the contract's frame."""
-    low, high = item.mesh.bounds
+    low, high = item.bounds
     off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
     yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - item.diagonal))
 
@@ -127,7 +138,7 @@ def check_mesh(item: CheckedObject) -> Measured:
 def check_surface(item: CheckedObject) -> Measured:
     """The surface points of one object."""
     points = item.rows["surface"]["points"]
-    low, high = item.mesh.bounds
+    low, high = item.bounds
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
     if can_check("on mesh"):
         yield "on mesh", item.distance(points).max(initial=0)
@@ -135,16 +146,12 @@ def check_surface(item: CheckedObject) -> Measured:
 
 def check_grasps(item: CheckedObject) -> Measured:
     """The grasps of one object."""
-    rows, hand = item.rows["grasps"], item.hand
-    number = len(rows["palm_pose"])
+    rows, hand = item.rows["grasps"], item.required_hand
     affine = np.abs(rows["palm_pose"][:, 3] - [0, 0, 0, 1]).max(axis=1)
     yield "rotation", np.maximum(rotation_error(rows["palm_pose"][:, :3, :3]), affine)
     joints = rows["joint_positions"]
     yield "joint limits", hand.out_of_range(joints)
-    links = hand.forward(rows["palm_pose"], joints)
-    position, rotation = hand.sensor_frames(links)
-    pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
-    yield "kinematics", np.max([np.abs(a - b).reshape(number, -1).max(axis=1) for a, b in pairs], axis=0)
+    yield "kinematics", _pose_error(hand, hand.forward(rows["palm_pose"], joints), rows)
     yield "penetration", np.where(rows["penetration"] >= 0, rows["penetration"], np.inf)
     if "surface" in item.rows:
         points = item.rows["surface"]["points"]
@@ -155,29 +162,30 @@ def check_touch(item: CheckedObject) -> Measured:
     """The touches of one object."""
     rows = item.rows["touch"]
     depth, success, count = rows["depth"], rows["success"], rows["point_count"]
-    in_range = (depth > 0) & (depth <= item.sensor.reach.astype(depth.dtype))
-    yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(2, 3))
+    yield "touch depth", np.sum(_out_of_range(depth, item.sensor), axis=(2, 3))
     finite = np.isfinite(depth)
     yield "success", success != finite.any(axis=(2, 3))
     yield "one touch", ~success.any(axis=1)
     yield "point count", np.abs(count - finite.sum(axis=(2, 3)))
     yield "points", _each_sensor(item, _points_error)
-    yield "reading", _each_sensor(item, _reading_error)
+    if "indentation" in rows:
+        yield "reading", _pressed_reading_error(rows, item.sensor)
+        yield "pressed", _pressed_error(rows, item.sensor)
+    else:
+        yield "reading", _each_sensor(item, _reading_error)
     if can_check("on mesh"):
         yield "on mesh", _cloud_distance(item)
 
 
 def check_frames(item: CheckedObject) -> Measured:
     """The frames of one object's grasps."""
-    rows, hand = item.rows["frames"], item.hand
+    rows, hand = item.rows["frames"], item.required_hand
     grasps = len(rows["time"])
     numeric = [rows[name].reshape(grasps, -1) for name in rows if name not in ("object", "success", "depth")]
     yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
     yield "rotation", rotation_error(rows["link_pose"][:, :, 0, :3, :3]).max(axis=1)
     links = hand.forward(rows["link_pose"][:, :, 0], rows["joint_positions"])
-    position, rotation = hand.sensor_frames(links)
-    pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
-    yield "kinematics", np.max([np.abs(a - b).reshape(grasps, -1).max(axis=1) for a, b in pairs], axis=0)
+    yield "kinematics", _pose_error(hand, links, rows)
     yield "frame times", np.sum(~(np.diff(rows["time"], axis=1) > 0), axis=1) + (rows["time"][:, 0] < 0)
     for at_rest in (item.rows.get("grasps", {}), item.rows.get("touch", {})):
         for name in set(rows) & set(at_rest) - {"object"}:
@@ -188,8 +196,7 @@ def check_frames(item: CheckedObject) -> Measured:
         yield from _check_contacts(rows, hand)
     if "depth" in rows:
         depth = rows["depth"]
-        in_range = (depth > 0) & (depth <= item.sensor.reach.astype(depth.dtype))
-        yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(1, 2, 3, 4))
+        yield "touch depth", np.sum(_out_of_range(depth, item.sensor), axis=(1, 2, 3, 4))
         yield "success", np.sum(rows["success"] != np.isfinite(depth).any(axis=(-2, -1)), axis=(1, 2))
         if can_check("on mesh"):
             clouds = _first_touches(item, rows)
@@ -208,8 +215,8 @@ def _check_contacts(rows: dict[str, np.ndarray], hand: Hand) -> Measured:
     ]
     pushes = (mine * force[..., None, :])[..., None] * normal[..., None, :, :]  # (g, f, s, a, 3), in the world
     arms = rows["contact_position"][..., None, :, :] - rows["sensor_position"][..., None, :]
-    sums = [each.sum(axis=-2)[..., None, :] for each in (pushes, np.cross(arms, pushes))]
-    expected = np.concatenate([each @ rows["sensor_rotation"] for each in sums], axis=-1)[..., 0, :]
+    sums = [vectors.sum(axis=-2)[..., None, :] for vectors in (pushes, np.cross(arms, pushes))]
+    expected = np.concatenate([total @ rows["sensor_rotation"] for total in sums], axis=-1)[..., 0, :]
     error = np.abs(rows["sensor_wrench"] - expected).max(axis=(-2, -1))
     yield "wrench", np.where(count <= force.shape[-1], error, 0).max(axis=1)
 
@@ -223,6 +230,43 @@ def check_hold(item: CheckedObject) -> Measured:
     label = np.where((along < 0).any(axis=1), -1, (along == 1).all(axis=1))
     farthest, nearest = moved[along == 1].max(initial=0), moved[along == 0].min(initial=np.inf)
     yield "held", (rows["held"] != label) + int(farthest > nearest)
+
+
+def check_press(item: CheckedObject) -> Measured:
+    """The presses of one object."""
+    rows, sensor = item.rows["press"], item.sensor
+    numeric = [rows[name].reshape(len(rows["force"]), -1) for name in rows if name not in ("object", "depth")]
+    yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
+    yield "rotation", rotation_error(rows["rotation"])
+    depth, axis, arm = rows["depth"], rows["rotation"][:, :, 0], rows["point"] - rows["position"]
+    yield "touch depth", np.sum(_out_of_range(depth, sensor), axis=(1, 2))
+    # The axis goes through the point, and nothing is in the undeformed gel.
+    gel = sensor.gel_face - (depth + sensor.face_sag).min(axis=(1, 2))
+    yield "press pose", np.maximum(np.linalg.norm(np.cross(arm, axis), axis=1), gel)
+    yield "reading", _pressed_reading_error(rows, sensor).max(axis=1)
+    pulls = rows["pressure"].min(axis=(1, 2, 3)) < 0
+    yield "pressed", np.where(pulls, np.inf, _pressed_error(rows, sensor).max(axis=1))
+    if can_check("on mesh"):
+        poses = zip(depth, rows["position"], rows["rotation"], strict=True)
+        clouds = [item.distance(local_points(*pose, sensor)).max(initial=0) for pose in poses]
+        yield "on mesh", np.maximum(item.distance(rows["point"]), clouds)
+    if can_check("outside"):
+        from palpate.surface.embree import RayMesh
+        from palpate.touch.presses import ways_out
+
+        yield "outside", ways_out(RayMesh(load_geometry(item.folder)), rows["position"] - OBJECT_POSITION) == 0
+
+
+def _pose_error(hand: Hand, links: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
+    """Largest difference (g,) of stored poses from those of a hand's links (g, ..., L, 4, 4) and of its sensors."""
+    position, rotation = hand.sensor_frames(links)
+    pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
+    return np.max([np.abs(a - b).reshape(len(links), -1).max(axis=1) for a, b in pairs], axis=0)
+
+
+def _out_of_range(depth: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Whether depths (..., r, c) are neither in the sensor's range nor +inf: bool, of the same shape."""
+    return ~((depth > 0) & (depth <= sensor.reach.astype(depth.dtype))) & (depth != np.inf)
 
 
 def _first_touches(item: CheckedObject, rows: dict[str, np.ndarray]) -> Iterator[np.ndarray]:
@@ -316,19 +360,50 @@ def rotation_error(rotations: np.ndarray) -> np.ndarray:
     return np.maximum(orthonormal, np.abs(np.linalg.det(rotations) - 1))
 
 
+def check_values(stage: str, item: CheckedObject) -> Measured:
+    """The values of one object in a store without checks of its own."""
+    specs = CONTRACT[stage].arrays
+    numbers = {name: values for name, values in item.rows[stage].items() if values.dtype.kind == "f"}
+    yield (
+        "finite",
+        sum(int(np.sum(~np.isfinite(values) & (values != specs[name].fill))) for name, values in numbers.items()),
+    )
+
+
+# The checks of one object's rows of a store, by its stage; those of another stage are `check_values`.
+OF_STAGE: dict[str, Callable[[CheckedObject], Measured]] = {
+    "surface": check_surface,
+    "grasps": check_grasps,
+    "touch": check_touch,
+    "frames": check_frames,
+    "hold": check_hold,
+    "press": check_press,
+    "vision": check_vision,
+    "frame_images": check_frame_images,
+}
+
+
+def of_stage(stage: str) -> Callable[[CheckedObject], Measured]:
+    """The checks of one object's rows of a stage's store."""
+    return OF_STAGE.get(stage) or partial(check_values, stage)
+
+
 SENSED = ("depth", "position", "rotation", "points", "reading")  # of one sensor
 
 
-def _each_sensor(item: CheckedObject, error: Callable) -> np.ndarray:
-    """`error` of each sensor."""
+def _each_sensor(item: CheckedObject, error: Callable[..., float]) -> np.ndarray:
+    """`error` of each sensor (g, s): of the sensor's kind, and its arrays `SENSED` as keywords."""
     rows = item.rows["touch"]
     result = np.zeros(rows["success"].shape)
     for index in np.ndindex(result.shape):
-        result[index] = error(item.sensor, *(rows[name][index] for name in SENSED))
+        result[index] = error(item.sensor, **{name: rows[name][index] for name in SENSED})
     return result
 
 
-def _points_error(sensor, depth, position, rotation, points, reading) -> float:
+def _points_error(
+    sensor: Sensor, depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, points: np.ndarray, **_: np.ndarray
+) -> float:
+    """Largest difference of a stored cloud from that of the depth map, m."""
     try:
         expected = local_points(depth, position, rotation, sensor)
     except ValueError:  # no position at all, or one that no point can be stored at
@@ -336,10 +411,29 @@ def _points_error(sensor, depth, position, rotation, points, reading) -> float:
     return np.abs(points - np.pad(expected, ((0, len(points) - len(expected)), (0, 0)))).max()
 
 
-def _reading_error(sensor, depth, position, rotation, points, reading) -> float:
+def _reading_error(sensor: Sensor, depth: np.ndarray, reading: np.ndarray, **_: np.ndarray) -> float:
+    """Largest difference of a stored reading from the shading of the depth map, grey levels."""
     if not np.isfinite(depth).any():  # of a sensor that touched nothing, none is stored
         return float(reading.max())
     return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
+
+
+def _pressed_reading_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
+    """Grey levels between pressed readings and the shading of their deformed faces: (g, s), of presses (t, e)."""
+    error = np.zeros(rows["force"].shape)
+    touched = rows.get("success", np.full(error.shape, True))
+    for index in np.ndindex(error.shape):
+        shaded = shade_pressed(rows["indentation"][index], sensor, rows["displacement"][index])
+        expected = shaded if touched[index] else 0
+        error[index] = np.abs(rows["reading"][index].astype(int) - expected).max()
+    return error
+
+
+def _pressed_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
+    """What the pressures within the image sum to, less the share of the force that they should, over the force."""
+    area = np.prod(sensor.pixel)
+    error = np.abs(rows["pressure"].sum(axis=(-2, -1), dtype=float) * area - rows["inside"] * rows["force"])
+    return np.where(rows["force"] > 0, error / np.where(rows["force"] > 0, rows["force"], 1), error)
 
 
 def _cloud_distance(item: CheckedObject) -> np.ndarray:
@@ -378,12 +472,12 @@ def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
     first = np.full(len(rays), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
         first[hit] = np.einsum("ni,ni->n", normal, corner - camera.position) / ahead
-    seen, found = pictures.mask.ravel(), pictures.depth.ravel()
+    seen, depth = pictures.mask.ravel(), pictures.depth.ravel()
     with np.errstate(invalid="ignore"):  # inf - inf
-        differs = (hit != seen) | (hit & ~(np.abs(first - found) <= _step(first)))
+        differs = (hit != seen) | (hit & ~(np.abs(first - depth) <= _step(first)))
     if item.see_through:
-        differs &= ~(hit & (found > first))
-    return _share(differs.sum(), hit.sum())
+        differs &= ~(hit & (depth > first))
+    return float(_share(differs.sum(), hit.sum()))
 
 
 def _occlusion_error(pictures: _Pictures) -> np.ndarray:

@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from operator import index as integer
-
-import numpy as np
+from typing import Any
 
 from palpate.catalogue import CatalogueEntry
 from palpate.configuration import not_among
@@ -39,6 +38,8 @@ class GraspDataset(Sequence):
     need is missing; KeyError, with the right names, for an unknown array.
     """
 
+    unit, units = "grasp", "grasps"  # what an item is of
+
     def __init__(
         self,
         run: Run,
@@ -50,18 +51,33 @@ class GraspDataset(Sequence):
         self._run, self._entries, self._camera = run, list(entries), camera
         if not self._entries:
             raise StoreError(
-                f"{run.folder}: no object to take grasps of: rejected.csv, or the config's `split`, says why"
+                f"{run.folder}: no object to take {self.units} of: rejected.csv, or the config's `split`, says why"
             )
-        self._of_object = run.grasps(self._entries[0])
-        known = _named_arrays()
+        self._of_object = self._count()
+        known = self._known()
         if arrays is None:
             arrays = [name for name, (stage, spec) in known.items() if stage in stages and self._stored(stage, spec)]
         self.arrays = tuple(arrays)
         if unknown := [name for name in self.arrays if name not in known]:
-            raise KeyError(f"array of grasps: {not_among(unknown[0], known)}")
+            raise KeyError(f"array of {self.units}: {not_among(unknown[0], known)}")
         self.sources = {name: known[name] for name in self.arrays}
         pictures = {name: spec for name, (_, spec) in self.sources.items() if spec.dtype == "uint8"}
         self.images = {name: spec.unit in COLOURS for name, spec in pictures.items()}
+
+    def _count(self) -> int:
+        """Grasps of each object."""
+        return self._run.grasps(self._entries[0])
+
+    @staticmethod
+    def _known() -> dict[str, tuple[str, ArraySpec]]:
+        """Stage and contract of each array, by its name in an item."""
+        of_grasps, of_objects = arrays_by_name(of_grasps=True), arrays_by_name(of_grasps=False)
+        of_frames = arrays_by_name(of_grasps=True, of_frames=True) | {"reading": ("frames", FRAMES_READING)}
+        return {
+            **of_grasps,
+            **{f"frames_{name}": source for name, source in of_frames.items()},
+            **{f"{source[0]}_{name}" if name in of_grasps else name: source for name, source in of_objects.items()},
+        }
 
     def _stored(self, stage: str, spec: ArraySpec) -> bool:
         """Whether the first object has the array: optional ones may be missing."""
@@ -71,22 +87,24 @@ class GraspDataset(Sequence):
     def dimensions(self, name: str) -> tuple[str, ...]:
         """Names of the axes of an array in an item."""
         spec = self.sources[name][1]
-        names = spec.dimensions[1 + spec.of_grasps :]
-        return tuple(each for each in names if each != "camera" or self._camera is None)
+        names = spec.dimensions[1 + (spec.of_grasps or spec.of_presses) :]
+        return tuple(axis for axis in names if axis != "camera" or self._camera is None)
 
     def __len__(self) -> int:
         return len(self._entries) * self._of_object
 
-    def __getitem__(self, index: int) -> dict[str, np.ndarray | str | int]:
+    def __getitem__(self, index: int) -> dict[str, Any]:  # type: ignore[override]  # no slices
+        """The arrays of a grasp, with its object, class, split and number. Raises IndexError if there is none."""
         try:
             number = range(len(self))[integer(index)]
         except IndexError:
-            raise IndexError(f"grasp {index} of {len(self)}") from None
+            raise IndexError(f"{self.unit} {index} of {len(self)}") from None
         number, grasp = divmod(number, self._of_object)
         entry = self._entries[number]
-        item = {"object": entry.object, "class": entry.class_name, "split": entry.split, "grasp": grasp}
+        item: dict[str, Any] = {"object": entry.object, "class": entry.class_name, "split": entry.split}
+        item[self.unit] = grasp
         for name, (stage, spec) in self.sources.items():
-            place = (grasp,) if spec.of_grasps else ()
+            place: tuple[int | slice, ...] = (grasp,) if spec.of_grasps or spec.of_presses else ()
             if spec == FRAMES_READING:
                 depth, sensor = self._run.read(stage, "depth", entry, place), self._run.store(stage, entry.batch).sensor
                 item[name] = shaded(depth, sensor)
@@ -98,15 +116,22 @@ class GraspDataset(Sequence):
         return item
 
     def __repr__(self) -> str:
-        return f"GraspDataset({len(self)} grasps of {len(self._entries)} objects: {', '.join(self.arrays)})"
+        size = f"{len(self)} {self.units} of {len(self._entries)} objects"
+        return f"{type(self).__name__}({size}: {', '.join(self.arrays)})"
 
 
-def _named_arrays() -> dict[str, tuple[str, ArraySpec]]:
-    """Stage and contract of each array, by its name in an item."""
-    of_grasps, of_objects = arrays_by_name(of_grasps=True), arrays_by_name(of_grasps=False)
-    of_frames = arrays_by_name(of_grasps=True, of_frames=True) | {"reading": ("frames", FRAMES_READING)}
-    return {
-        **of_grasps,
-        **{f"frames_{name}": source for name, source in of_frames.items()},
-        **{f"{source[0]}_{name}" if name in of_grasps else name: source for name, source in of_objects.items()},
-    }
+class PressDataset(GraspDataset):
+    """The presses of some objects, object by object, as `GraspDataset` has grasps.
+
+    An item has `object`, `class`, `split`, `press` (its number, from 0), and the arrays of the press.
+    """
+
+    unit, units = "press", "presses"
+
+    def _count(self) -> int:
+        entry = self._entries[0]
+        return self._run.store("press", entry.batch).header("force")[0][1]
+
+    @staticmethod
+    def _known() -> dict[str, tuple[str, ArraySpec]]:
+        return arrays_by_name(of_grasps=False, of_presses=True)

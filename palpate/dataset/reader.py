@@ -5,11 +5,11 @@ grasp = dataset["bottle-0007"].grasps[0]
 grasp.reading, grasp.success, grasp.points
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Any, Self, cast, overload
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from palpate.camera import Camera
 from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.configuration import nearest, not_among
 from palpate.dataset.arrays import JoinedArray
-from palpate.dataset.grasps import GraspDataset
+from palpate.dataset.grasps import GraspDataset, PressDataset
 from palpate.dataset.run import Run, shaded
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
@@ -47,6 +47,7 @@ class Dataset(Sequence):
         if unknown := sorted(set(self._required) - {RELEASED, *STAGES}):
             raise ValueError(f"stage {not_among(unknown[0], [RELEASED, *STAGES])}")
         self._entries = self._run.usable(self._required)
+        self._run.require_config(self.folder / "catalogue.csv")
 
     def _view(self, entries: Iterable[CatalogueEntry]) -> "Dataset":
         view = object.__new__(Dataset)
@@ -161,6 +162,17 @@ class Dataset(Sequence):
         chosen = self if split is None else self.split(split)
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
+    def presses(self, split: str | None = None, arrays: Iterable[str] | None = None) -> PressDataset:
+        """All presses as a map-style dataset of dictionaries, as `grasps`. Raises StoreError, with the command that
+        builds them, for a run without."""
+        chosen = self if split is None else self.split(split)
+        return PressDataset(self._run, chosen._entries.values(), self._required, arrays)
+
+    def require_current(self, path: Path) -> None:
+        """Raise StoreError if a file of the run is not as it was written, or was made from something else than the run
+        has now."""
+        self._run.require_current(path)
+
     def digests(self, stages: Collection[str] | None = None) -> dict[tuple[str, str], str]:
         """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
 
@@ -171,7 +183,7 @@ class Dataset(Sequence):
             stages = {*self._run.asked_stores, *self.stages} & {*self._required}
         batches = dict.fromkeys(entry.batch for entry in self._entries.values())
         stages = [name for name in CONTRACT if name in stages]
-        return {(name, batch): self._run.store(name, batch).digest for name in stages for batch in batches}
+        return {(name, batch): self._run.store(name, batch).seal.digest for name in stages for batch in batches}
 
     def table(self) -> "pandas.DataFrame":
         """A row a grasp: object, class, split, batch, grasp, touches, and the object's row in `array`.
@@ -237,22 +249,22 @@ class Dataset(Sequence):
 class _Record:
     """Attributes that are the row of one object, or of one of its grasps, in the contract's arrays."""
 
-    of_grasps = of_frames = False
-    index: tuple[int | slice, ...] = ()  # within the object's row
+    of_grasps = of_frames = of_presses = False
+    index: tuple[int | slice, ...]  # within the object's row
     stage_of: dict[str, str] = {}  # by the names of the arrays
 
     def __init_subclass__(cls) -> None:
         """Gives the class a property, with its shape, type and unit in `help()`, for each array of its rows."""
-        leading = 2 if cls.of_grasps else 1
-        found = arrays_by_name(cls.of_grasps, cls.of_frames)
-        cls.stage_of = {name: stage for name, (stage, _) in found.items()}
-        for name, (stage, spec) in found.items():
+        leading = 2 if cls.of_grasps or cls.of_presses else 1
+        arrays = arrays_by_name(cls.of_grasps, cls.of_frames, cls.of_presses)
+        cls.stage_of = {name: stage for name, (stage, _) in arrays.items()}
+        for name, (stage, spec) in arrays.items():
             if name not in vars(cls):
-                doc = _described(stage, spec, leading)
-                setattr(cls, name, property(lambda record, name=name: record._read(name), doc=doc))
+                setattr(cls, name, property(partial(cls._read, name=name), doc=_described(stage, spec, leading)))
 
-    def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
-        self._run, self._entry, self.camera_number = run, entry, camera
+    def __init__(self, run: Run, entry: CatalogueEntry, *grasp: int, camera: int = 0):
+        self._run, self._entry, self._grasp, self.camera_number = run, entry, grasp, camera
+        self.index = (*grasp, slice(None)) if self.of_frames else grasp
         self._values: dict[str, np.ndarray] = {}  # that were read
 
     @property
@@ -271,7 +283,8 @@ class _Record:
     @cached_property
     def sensor(self) -> Sensor:
         """The kind of touch sensor that its depths and readings are of."""
-        return self._run.store("frames" if self.of_frames else "touch", self._entry.batch).sensor
+        stage = "frames" if self.of_frames else "press" if self.of_presses else "touch"
+        return self._run.store(stage, self._entry.batch).sensor
 
     @cached_property
     def cameras(self) -> int:
@@ -282,7 +295,7 @@ class _Record:
         """The same object or grasp with the images of another of the `cameras`. Raises IndexError if there is none."""
         if number not in range(self.cameras):
             raise IndexError(f"{self!r} has no camera {number}: it has {self.cameras}, numbered from 0")
-        return type(self)(self._run, self._entry, *self.index[:1], camera=number)
+        return type(self)(self._run, self._entry, *self._grasp, camera=number)
 
     @property
     def vision_camera(self) -> Camera:
@@ -313,7 +326,7 @@ class ObjectRecord(_Record):
     """
 
     def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
-        super().__init__(run, entry, camera)
+        super().__init__(run, entry, camera=camera)
         self.name, self.class_name, self.split, self.batch = entry[:4]
         self.normalised = entry.normalised
 
@@ -325,20 +338,28 @@ class ObjectRecord(_Record):
     @property
     def drawn(self) -> dict[str, Any]:
         """Cameras, lights and background of its images as the config says them, if they were drawn; else empty."""
-        return self._run.store("vision", self.batch).attributes.get("drawn", {}).get(self.name, {})
+        drawn: Any = self._run.store("vision", self.batch).attributes.get("drawn", {})
+        return drawn.get(self.name, {})
 
     @cached_property
     def hand(self) -> "Hand":
         """The hand that grasps it, as its store of grasps carries it. Raises StoreError if the run has no grasps."""
         from palpate.hand import Hand
 
-        return Hand.from_arrays(self._run.store("grasps", self.batch), prefix="hand/")
+        return Hand.from_arrays(cast("Mapping[str, np.ndarray]", self._run.store("grasps", self.batch)), prefix="hand/")
 
     @cached_property
     def grasps(self) -> list["GraspRecord"]:
         """Its grasps; their number is that of the first stage that has grasps."""
         numbers = range(self._run.grasps(self._entry))
-        return [GraspRecord(self._run, self._entry, number, self.camera_number) for number in numbers]
+        return [GraspRecord(self._run, self._entry, number, camera=self.camera_number) for number in numbers]
+
+    @cached_property
+    def presses(self) -> list["PressRecord"]:
+        """Its presses, if the run's config has `press.count`."""
+        self._run.row("press", self._entry)
+        count = self._run.store("press", self.batch).header("force")[0][1]
+        return [PressRecord(self._run, self._entry, number) for number in range(count)]
 
     def __repr__(self) -> str:
         return f"ObjectRecord({self.name!r}, class {self.class_name}, {self.split}, {self.batch})"
@@ -354,10 +375,10 @@ class GraspRecord(_Record):
 
     of_grasps = True
 
-    def __init__(self, run: Run, entry: CatalogueEntry, number: int, camera: int = 0):
-        super().__init__(run, entry, camera)
-        self.number = number
-        self.index = (number,)
+    @property
+    def number(self) -> int:
+        """Its number among the object's grasps, from 0."""
+        return self._grasp[0]
 
     @property
     def object(self) -> ObjectRecord:
@@ -385,7 +406,12 @@ class GraspRecord(_Record):
     @property
     def frames(self) -> "FramesRecord":
         """Its closing, from the open hand to this grasp; nothing is read yet."""
-        return FramesRecord(self._run, self._entry, self.number, self.camera_number)
+        return FramesRecord(self._run, self._entry, self.number, camera=self.camera_number)
+
+    @property
+    def has_forces(self) -> bool:
+        """Whether the hand closed with a grip: `sensor_force` and other arrays of antipodal grasps."""
+        return "grasps" in self.stages and "sensor_force" in self._run.store("grasps", self._entry.batch)
 
     @cached_property
     def points(self) -> list[np.ndarray]:
@@ -406,10 +432,6 @@ class FramesRecord(_Record):
 
     of_grasps = of_frames = True
 
-    def __init__(self, run: Run, entry: CatalogueEntry, number: int, camera: int = 0):
-        super().__init__(run, entry, camera)
-        self.index = (number, slice(None))
-
     def __len__(self) -> int:
         return len(self.time)
 
@@ -429,4 +451,39 @@ class FramesRecord(_Record):
         return shaded(self.depth, self.sensor)
 
     def __repr__(self) -> str:
-        return f"FramesRecord({self._entry.object!r}, {self.index[0]})"
+        return f"FramesRecord({self._entry.object!r}, {self._grasp[0]})"
+
+
+class PressRecord(_Record):
+    """One press of a sensor onto the object, without a hand: every array of the contract with one row a press.
+
+    `reading`, `indentation` and others have a row for each of the forces in `force`. Shapes are in the symbols of
+    docs/dataset.md.
+    """
+
+    of_presses = True
+
+    @property
+    def number(self) -> int:
+        """Its number among the object's presses, from 0."""
+        return self._grasp[0]
+
+    @property
+    def object(self) -> ObjectRecord:
+        """The object that is pressed."""
+        return ObjectRecord(self._run, self._entry)
+
+    @property
+    def empty_reading(self) -> np.ndarray:
+        """(r, c, 3) uint8 reading of the untouched gel."""
+        return self._run.store("press", self._entry.batch).empty_reading
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(n, 3) float32, m. The surface points before the sensor's image, of the finite pixels of `depth`; world."""
+        from palpate.touch import local_points
+
+        return local_points(self.depth, self.position, self.rotation, self.sensor)
+
+    def __repr__(self) -> str:
+        return f"PressRecord({self._entry.object!r}, {self.number})"

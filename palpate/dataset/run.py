@@ -1,23 +1,24 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from palpate import provenance
+from palpate import seal
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue, sources_of
-from palpate.checksums import MANIFEST, DamagedFile, size_and_sha256
 from palpate.configuration import ConfigError, absolute, read_yaml
-from palpate.provenance import Made
-from palpate.rebuild_command import RECORD, rebuild_advice, rebuild_command
+from palpate.rebuild_command import BATCHES, RECORD, REJECTED, rebuild_advice, rebuild_command
+from palpate.seal import DamagedFile, Seal
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STORES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT
+from palpate.store.errors import reading
 from palpate.store.files import Store, StoreError
 
 # Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reading.py).
@@ -34,11 +35,10 @@ class Run:
     def __init__(self, folder: Path | str):
         self.folder = Path(folder)
         self._stores: dict[tuple[str, str], Store] = {}
-        self._contents: dict[str, dict[str, str]] = {}
-        self._compared_meshes: set[str] = set()
+        self._read: dict[str, dict[Path, tuple[str, Seal]]] = {}  # of each batch: digests and seals of what was read
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_stores": {}, "_contents": {}, "_compared_meshes": set()}
+        return {**self.__dict__, "_stores": {}, "_read": {}}
 
     @cached_property
     def catalogue(self) -> dict[str, CatalogueEntry]:
@@ -50,12 +50,16 @@ class Run:
         """The config that the run was last started with; empty for a run without `config.yaml`."""
         path = self.folder / RECORD
         if not path.is_file():
+            if (self.folder / BATCHES).exists():  # the workflow has written both
+                raise StoreError(f"{path} does not exist; {rebuild_advice(path)}")
             return {}
         try:
-            found = read_yaml(path)
-        except ConfigError as error:
+            if sealed := seal.find(path):
+                sealed.require()
+            config = read_yaml(path)
+        except (ConfigError, DamagedFile) as error:
             raise StoreError(str(error)) from None
-        return found if isinstance(found, dict) else {}
+        return config if isinstance(config, dict) else {}
 
     @property
     def sources(self) -> Path | None:
@@ -65,15 +69,9 @@ class Run:
         return path if path.is_dir() else None
 
     @cached_property
-    def _values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, Any]:
         """Values of the config by their path, and those that stores state and the config does not have."""
-        return provenance.by_path(self.config)
-
-    @cached_property
-    def _weights(self) -> dict[str, str]:
-        """What charts state of the model that they were made with."""
-        path = self.folder / "models/touch_depth/best.ckpt"
-        return {"touch_depth.weights": size_and_sha256(path)[1]} if path.exists() else {}
+        return seal.by_path(self.config)
 
     @cached_property
     def _entries(self) -> dict[str, list[CatalogueEntry]]:
@@ -101,15 +99,16 @@ class Run:
         """Rows object, stage, reason, of one batch or of all, at some stages or at any.
 
         Of `rejected/<stage>/<batch>.csv`, or of `rejected.csv` if no stage has written its own yet. Raises StoreError
-        if one can't be read, or is missing though the batch's store is there.
+        if one can't be read, or is missing though the batch's store is there. Whether a table is that of the store is
+        compared when the store is read: of other batches both may just be made again.
         """
-        found = sorted(path.name for path in self.folder.glob("rejected/*"))
+        made = sorted(path.name for path in self.folder.glob("rejected/*"))
         batches = self.batches if batch is None else [batch]
-        paths = {self.folder / f"rejected/{stage}/{name}.csv": (stage, name) for stage in found for name in batches}
-        paths = {path: made for path, made in paths.items() if path.exists() or self._was_made(*made)}
+        paths = {self.folder / f"rejected/{stage}/{name}.csv": (stage, name) for stage in made for name in batches}
+        tables = [path for path, which in paths.items() if path.exists() or self._was_made(*which)]
         whole = self.folder / "rejected.csv"
         try:
-            rows = read_rejections(paths or ([whole] if whole.exists() else []))
+            rows = read_rejections(tables or ([whole] if whole.exists() else []))
         except DamagedFile as error:
             raise StoreError(str(error)) from None
         return [row._asdict() for row in rows if stages is None or row.stage in set(stages)]
@@ -122,6 +121,13 @@ class Run:
     def rejected(self, stages: Iterable[str] | None = None) -> set[str]:
         """Objects rejected so far, at some stages or at any."""
         return {row["object"] for row in self.rejections(stages=stages)}
+
+    def require_config(self, path: Path) -> None:
+        """Raise StoreError if an output was made with another config than the run's."""
+        with reading(path):
+            sealed = seal.find(path)
+        if sealed and (difference := sealed.difference(self.values, lambda label: None)):
+            raise StoreError(sealed.refusal(difference))
 
     def usable(self, stages: Iterable[str]) -> dict[str, CatalogueEntry]:
         """The catalogue without the objects that these stages, or those that they read, rejected so far."""
@@ -145,56 +151,62 @@ class Run:
             raise StoreError(f"{self.folder} has no {stage}; build it with: {rebuild_command(self.folder, *targets)}")
         if found is None:
             found = Store(self.folder / CONTRACT[stage].path(batch))
-            self._require_fitting(batch, found.made)
+            self._require_fitting(batch, found.seal)
             if len(self._stores) >= REMEMBERED_STORES:
                 del self._stores[next(iter(self._stores))]
         self._stores[stage, batch] = found  # as the latest
         return found
 
     def meshes(self, batch: str) -> Path:
-        """The folder of one batch's meshes. Raises StoreError if they do not fit the stores that were read."""
+        """The folder of one batch's meshes. Raises StoreError if they do not fit the run."""
         folder = self.folder / "meshes" / batch
-        if batch not in self._compared_meshes and (folder / MANIFEST).exists():
-            self._require_fitting(batch, provenance.of_meshes(folder))
-            self._compared_meshes.add(batch)
+        if folder not in self._read.get(batch, {}) and (folder / seal.NAME).exists():
+            with reading(folder):
+                self._require_fitting(batch, seal.read(folder))
         return folder
 
-    def _known(self, batch: str) -> dict[str, str]:
-        """Digests, by stage, of what a batch's stores hold and were made from, as far as they were read."""
-        if batch not in self._contents:
-            sources = sources_of(self._entries.get(batch, ()))
-            self._contents[batch] = {"sources": sources} if sources else {}
-        return self._contents[batch]
+    @cached_property
+    def _sources(self) -> dict[str, str]:
+        """Digests of the batches' source files, by the names that seals have for them."""
+        return {label: digest for entries in self._entries.values() for label, digest in sources_of(entries).items()}
 
-    def _require_fitting(self, batch: str, made: Made) -> None:
-        """Raise StoreError if a store does not fit the run's config, its sources, or a store that was read before.
+    def digest(self, label: str) -> str | None:
+        """The digest of an output that the run has now, by its label in seals; None if it has none."""
+        return self._sources.get(label) or seal.digest_in(self.folder, label)
 
-        Compared is what they state; no other file is read. The message names the store that comes first.
-        """
-        contents = self._known(batch)
-        difference = made.difference(self._values, contents)
-        if not difference and contents.get(made.stage, made.digest) == made.digest:
-            self._values.update({key: value for key, value in made.config.items() if key not in self._values})
-            contents |= {**made.inputs, made.stage: made.digest}
+    def require_current(self, path: Path) -> None:
+        """Raise StoreError if an output is not as it was written, or was made from something else than the run has."""
+        with reading(path):
+            sealed = seal.find(path)
+            if sealed:
+                sealed.require()
+                self._require_current(sealed)
+
+    def _require_current(self, sealed: Seal) -> None:
+        """Raise StoreError if an output was made from something else than the run has, naming the first that was: not
+        a table of rejections, which is made with its store."""
+        if not sealed.difference(self.values, self.digest):
             return
-        meshes = self.folder / "meshes" / batch
-        found = [provenance.of_meshes(meshes)] if (meshes / MANIFEST).exists() else []
-        paths = [self.folder / spec.path(batch) for spec in CONTRACT.values()]
-        found += [Store(path).made for path in paths if path.exists()]
-        sources = sources_of(self._entries.get(batch, ()))
-        first = next((message for _, message in self.mixtures(found, sources)), None)
-        raise StoreError(first or made.refusal(difference or "anew while the run was read"))
+        paths = [self.folder / label for label in sealed.inputs if not label.startswith(REJECTED)]
+        for each in [*(seal.read(path) for path in paths if path.exists()), sealed]:
+            if difference := each.difference(self.values, self.digest):
+                raise StoreError(each.refusal(difference))
 
-    def mixtures(self, found: Iterable[Made], sources: str) -> Iterator[tuple[str, str]]:
-        """Stage and message of each of a batch's stores that was not made from what the run holds now.
+    def _require_fitting(self, batch: str, sealed: Seal) -> None:
+        """Raise StoreError if an output does not fit the run, or one of the batch that was read before no longer does.
 
-        found: the stores, in the order of `CONTRACT`, after the meshes. sources: `palpate.catalogue.sources_of` it.
+        What was read before stays what the run has: this finds outputs that are made again in the meantime.
         """
-        contents, values = {"sources": sources} if sources else {}, self._values | self._weights
-        for made in found:
-            if difference := made.difference(values, contents):
-                yield made.stage, made.refusal(difference)
-            contents[made.stage] = made.digest
+        read = self._read.setdefault(batch, {})
+        with reading(sealed.path):
+            self._require_current(sealed)
+        for digest, before in read.values():
+            if before.path == sealed.path and digest != sealed.digest:
+                raise StoreError(sealed.refusal("anew while the run was read"))
+            if before.inputs.get(sealed.label, sealed.digest) != sealed.digest:
+                raise StoreError(before.refusal(f"from other {sealed.label} than the run has"))
+        self.values.update({key: value for key, value in sealed.config.items() if key not in self.values})
+        read[sealed.path] = sealed.digest, replace(sealed, files={})
 
     def read(self, stage: str, name: str, entry: CatalogueEntry, index: tuple[int | slice, ...] = ()) -> np.ndarray:
         """What `index` picks of the object's row of an array, as it is stored; but for readings: see `fill_untouched`.

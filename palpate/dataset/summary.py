@@ -1,7 +1,6 @@
 """What a run holds, in lines for the terminal."""
 
 import contextlib
-import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -13,6 +12,8 @@ from palpate.configuration import ConfigError
 from palpate.dataset.reader import Dataset
 from palpate.dataset.run import Run
 from palpate.mesh import FACTS
+from palpate.seal import DamagedFile
+from palpate.text_files import read_record
 
 MOST_REASONS = 3
 
@@ -69,8 +70,8 @@ def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
 
 def _facts(batch: Path) -> dict[str, dict[str, Any]]:
     try:
-        return json.loads(batch.with_name(batch.name + FACTS).read_text())
-    except (OSError, ValueError):  # not made yet, or damaged
+        return read_record(batch.with_name(batch.name + FACTS))
+    except (OSError, DamagedFile):  # not made yet, or damaged
         return {}
 
 

@@ -1,35 +1,46 @@
 """Validation of a run: batch by batch, so that a workflow can do it in parallel, then joined to one table."""
 
 import csv
+import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 from tqdm import tqdm
 
-from palpate import checksums, provenance
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.batch import read_rejections
-from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue, sources_of
+from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue
 from palpate.dataset import checks
 from palpate.dataset.checks import CHECKS, CheckedObject, Measured
 from palpate.dataset.run import Run
 from palpate.hand import MAX_PENETRATION, Hand
-from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.rebuild_command import BATCHES, rebuild_command
+from palpate.seal import NOTHING, DamagedFile, DigestOf, MadeFrom, Seal
 from palpate.sensor import DIGIT, Sensor
 from palpate.stages import DATASET_STORES, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError, check_headers
-from palpate.touch import empty_reading
+from palpate.text_files import read_rows
+from palpate.touch import empty_reading, shade_pressed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NAMED = 5  # how many failures a row names
-CHECK_STAGE = {name: getattr(checks, f"check_{name}") for name in DATASET_STORES}  # of one object
+# What jobs write into a run's folder, file by file.
+SEALED = (
+    *("batches.json", "catalogue.csv", "config.yaml", "rejected.csv"),
+    *("catalogue", "evaluations", "figures", "meshes", "models", "rejected", "reports", "tables", "tuning"),
+)
+CHECK_STAGE = {name: checks.of_stage(name) for name in DATASET_STORES}  # of one object
 
 
 class Finding(NamedTuple):
@@ -55,9 +66,9 @@ class _Batch:
     def __init__(self, run: Run, name: str, stages: Sequence[str], max_penetration: float):
         self.run, self.name = run, name
         self.limits = {check: spec.limit for check, spec in CHECKS.items()}
-        self.limits["penetration"] = np.float32(max_penetration)  # as it is stored
+        self.limits["penetration"] = float(np.float32(max_penetration))  # as it is stored
         self.limits["in hand"] = max_penetration
-        self.sensor_names = SENSOR_NAMES
+        self.sensor_names: tuple[str, ...] = SENSOR_NAMES
         self.catalogue = [entry.object for entry in read_catalogue(run.folder / f"catalogue/{name}.csv")]
         self.rejected = run.rejections(name)
         self.findings: list[Finding] = []
@@ -113,9 +124,10 @@ class _Batch:
 
     def sensor(self) -> Sensor:
         """The sensor that the touch store states; the default, with a finding, if it states none."""
-        with self.reading("touch"):
-            if "touch" in self.stores:
-                return self.stores["touch"].sensor
+        for stage in ("touch", "press"):
+            with self.reading(stage):
+                if stage in self.stores:
+                    return self.stores[stage].sensor
         return DIGIT
 
     def check_objects(self, stage: str) -> None:
@@ -134,12 +146,13 @@ class _Batch:
 
     def check_empty_reading(self, sensor: Sensor) -> None:
         """The stored empty reading equals that of the sensor."""
-        if "touch" not in self.stores:
-            return
-        with self.reading("touch"):
-            stored, expected = self.stores["touch"].empty_reading.astype(int), empty_reading(sensor)
-            same = stored.shape == expected.shape
-            self.add("empty reading", "touch", np.abs(stored - expected).max() if same else np.inf)
+        # Whether a store without objects is of pressed gels, it does not say.
+        for stage in [name for name in ("touch", "press") if self.objects.get(name)]:
+            with self.reading(stage):
+                stored, pressed = self.stores[stage].empty_reading.astype(int), "indentation" in self.arrays[stage]
+                expected = shade_pressed(np.zeros(sensor.resolution), sensor) if pressed else empty_reading(sensor)
+                same = stored.shape == expected.shape
+                self.add("empty reading", stage, np.abs(stored - expected).max() if same else np.inf)
 
     def rows(self, stage: str, name: str) -> dict[str, np.ndarray]:
         """The object's row of every array of the store."""
@@ -170,58 +183,84 @@ class _Batch:
             values = np.asarray(values, dtype=float)
             values = np.where(np.isnan(values), np.inf, values)
             worst = values.max(initial=0)
-            self.add(check, store, worst, name, self.first(values == worst) if worst > 0 else "")
+            self.add(check, store, worst, name, self.first(values == worst, store) if worst > 0 else "")
 
-    def first(self, wrong: np.ndarray) -> str:
+    def first(self, wrong: np.ndarray, store: str) -> str:
         """Where the first wrong value is: "grasp 2, sensor thumb"; nothing if there is none, or no axis.
 
-        wrong: bool, one value, or one a grasp, or one a grasp and sensor.
+        wrong: bool, one value, or one a grasp or press, or one a grasp and sensor.
         """
         if not wrong.ndim or not wrong.any():
             return ""
-        grasp, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
-        return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
+        number, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
+        unit = "press" if store == "press" else "grasp"
+        return ", ".join([f"{unit} {number}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
 def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, others: bool = True) -> list[Finding]:
-    """Compare all files of a batch with their checksums, and the stores with what they were made from.
+    """Compare all files of a batch with their seals, and the seals with what the run has now.
 
     Compared are meshes, the stores of `stages`, by default those of the run's dataset, and `others` that are there.
-    `where` of a finding of files that
-    passed is the digest of what they held: as long as it stays, so does everything that was found in their values.
+    `where` of a finding of files that passed is the digest of their seal: as long as it stays, so does everything that
+    was found in their values.
     """
-    folder, findings, made, stages = run.folder, [], [], stages or run.asked_stores
-    paths = {name: folder / stage.path(batch) for name, stage in STAGES.items()}
-    for stage, path in [*paths.items(), ("exr", folder / "exr" / batch)]:
-        if stage not in ("meshes", *stages) and not (path.exists() and (others or stage == "exr")):
-            continue
-        value, where = 0, ""
-        try:
-            if stage in CONTRACT:
-                store = Store(path)
-                store.verify()
-                where = store.digest
-                made.append(store.made)
-            else:
-                where = _folder_digest(path)
-                made += [provenance.of_meshes(path)] if stage == "meshes" else []
-        except (StoreError, checksums.DamagedFile, OSError) as error:
-            value, where = 1, str(error)
-        findings.append(Finding("files", stage, batch, "", where, value, CHECKS["files"].limit))
-    sources, limit = sources_of(read_catalogue(folder / f"catalogue/{batch}.csv")), CHECKS["made from"].limit
-    mixed = dict(run.mixtures(made, sources))
-    for each in made:
-        where = mixed.get(each.stage, "")
-        findings.append(Finding("made from", each.stage, batch, "", where, int(bool(where)), limit))
+    findings, stages = [], ("meshes", *(stages or run.asked_stores))
+    paths = {name: run.folder / stage.path(batch) for name, stage in STAGES.items()}
+    paths["exr"] = run.folder / "exr" / batch
+    for stage, path in paths.items():
+        if stage in stages or (path.exists() and (others or stage == "exr")):
+            damage, difference, sealed = look_at(run, path)
+            findings.append(_finding("files", stage, batch, damage, sealed.digest if sealed else ""))
+            if sealed:
+                findings.append(_finding("made from", stage, batch, difference))
     return findings
 
 
-def _folder_digest(folder: Path) -> str:
-    """SHA-256 of a folder's manifest, whose files are as it states. Raises DamagedFile otherwise."""
-    remedy = rebuild_advice(folder, str(folder))
-    if found := checksums.find_damage(folder, checksums.read_manifest(folder, remedy), contents=True):
-        raise checksums.DamagedFile(f"{folder} is damaged: {checksums.join_first(found)}; {remedy}")
-    return checksums.size_and_sha256(folder / checksums.MANIFEST)[1]
+def look_at(run: Run, path: Path, digest_of: DigestOf | None = None) -> tuple[str, str, Seal | None]:
+    """An output of a run: what is wrong with its files, how it was made from something else than the run has now, both
+    with the remedy and empty if nothing is; and its seal, if it is whole. digest_of: by default `Run.digest`."""
+    try:
+        sealed = seal.find(path)
+        if sealed:
+            sealed.require()
+    except (DamagedFile, OSError) as error:
+        return str(error), "", None
+    difference = sealed.difference(run.values, digest_of or run.digest) if sealed else ""
+    return "", sealed.refusal(difference) if sealed and difference else "", sealed
+
+
+def _finding(check: str, store: str, batch: str, wrong: str, passed: str = "") -> Finding:
+    """The finding of a check that passes if nothing is wrong; passed: what `where` says then."""
+    return Finding(check, store, batch, "", wrong or passed, int(bool(wrong)), CHECKS[check].limit)
+
+
+def outputs(run: Path) -> Iterator[Path]:
+    """The files of a run that have, or should have, a seal of their own, but for those of batches: in order."""
+    required = (run / BATCHES).exists()
+    for place, folders, files in os.walk(run):
+        within = Path(place).relative_to(run).parts
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and ".zarr" not in name)
+        if seal.NAME in files or within[:1] == ("exr",):
+            folders[:] = []
+            continue
+        for path in (Path(place, name) for name in sorted(files) if not name.startswith(".")):
+            of_job = within[0] in SEALED if within else path.name in SEALED
+            if seal.beside(path).name in files or (of_job and (required or path.suffix in seal.WITHIN)):
+                yield path
+
+
+def _check_outputs(run: Run, paths: Iterable[Path]) -> Iterator[Finding]:
+    """Whether files of a run are as they were written, and made from what the run has now."""
+    damaged, outdated, digest_of = [], [], cache(run.digest)
+    for path in paths:
+        batch = path.stem.removesuffix(".facts")
+        damage, difference, _ = look_at(run, path, digest_of)
+        if damage and path.exists():  # what was removed is built again
+            damaged.append(damage)
+        if difference and not (batch.startswith("batch-") and batch not in run.batches):  # of an earlier config
+            outdated.append(difference)
+    for check, found in (("tables", damaged), ("made from", outdated)):
+        yield _of_run(check, "run", found)
 
 
 def validate_batch(
@@ -238,9 +277,9 @@ def validate_batch(
     further stores are compared as well, where there are some. Needs `catalogue/<batch>.csv` and the meshes. What is
     wrong with a store or a mesh never raises: it is a finding.
     """
-    run = Run(run)
-    stages = stages or run.asked_stores
-    checked = _Batch(run, batch, stages, max_penetration)
+    opened = Run(run)
+    stages = stages or opened.asked_stores
+    checked = _Batch(opened, batch, stages, max_penetration)
     for stage in checked.stores:
         checked.check_objects(stage)
     hand, sensor = checked.hand(), checked.sensor()
@@ -248,12 +287,12 @@ def validate_batch(
     stored = {name for objects in checked.objects.values() for name in objects}
     for name in [name for name in checked.catalogue if name in stored]:
         checked.check_object(name, hand, sensor)
-    return [*check_files(run, batch, stages, others), *checked.findings]
+    return [*check_files(opened, batch, stages, others), *checked.findings]
 
 
-def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
-    """Write a batch's findings as a table with the columns of `Finding`."""
-    with atomic_write(path, checksum=True) as table, table.open("w", newline="", encoding="utf-8") as file:
+def write_findings(path: Path | str, findings: Iterable[Finding], made_from: MadeFrom = NOTHING) -> None:
+    """Write a batch's findings as a table with the columns of `Finding`, and its seal."""
+    with atomic_write(path, made_from) as table, table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Finding._fields)
         writer.writerows(findings)
@@ -261,8 +300,12 @@ def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
 
 def read_findings(path: Path | str) -> list[Finding]:
     """The findings that `write_findings` wrote."""
-    rows = checksums.read_rows(path, Finding._fields, rebuild_advice(path))
-    return [Finding(**{**row, "value": float(row["value"]), "limit": float(row["limit"])}) for row in rows]
+    rows = read_rows(path, Finding._fields)
+    words = [[row[name] for name in Finding._fields[:5]] for row in rows]
+    return [
+        Finding(check, store, batch, name, where, float(row["value"]), float(row["limit"]))
+        for (check, store, batch, name, where), row in zip(words, rows, strict=True)
+    ]
 
 
 def check_again(
@@ -304,10 +347,11 @@ def validate(
     """
     start, run = time.perf_counter(), Path(run)
     findings, anew = check_again(run, batches, max_penetration)
-    table = combine_validation(findings, run, sources)
+    table = combine_validation(findings, run, sources, outputs(run))
     checked = f"{len(table)} checks, {len({finding.object for finding in findings if finding.object})} objects"
     took = f"in {time.perf_counter() - start:.1f} s (values of {anew} of {len(batches)} batches anew)"
-    if anew and (unchecked := [check for check in checks.ENGINES if not checks.can_check(check)]):
+    relevant = [check for check in checks.ENGINES if check != "outside" or "press" in Run(run).asked_stores]
+    if anew and (unchecked := [check for check in relevant if not checks.can_check(check)]):
         took += f"; not checked: {', '.join(unchecked)}: pip install 'palpate[factory]' brings the engines for that"
     failed = table[~table.passed]
     if len(failed):
@@ -319,20 +363,28 @@ def validate(
     return True, f"{checked}: passed, {took}"
 
 
-def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Path | str | None = None) -> pd.DataFrame:
+def combine_validation(
+    findings: Sequence[Finding],
+    run: Path | str,
+    sources: Path | str | None = None,
+    files: Iterable[Path] | None = None,
+) -> "pd.DataFrame":
     """One row a check, store and batch, after the checks that need the whole run.
 
     findings: of all batches. run: its folder, with catalogue and rejections. sources: the folder of the source files,
-    which are compared with the catalogue's checksums if it is given.
+    which are compared with the catalogue's checksums if it is given. files: that are compared with their seals, by
+    default catalogue and rejections: others may be made while a run goes on.
     Columns: check, store, batch, objects (how many were checked; 0 for a check of a whole store), worst,
     limit, passed, where (what failed: object, grasp, sensor).
     """
+    import pandas as pd
+
     run = Path(run)
     catalogue = read_catalogue(run / "catalogue.csv")
     twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)
     of_run = [
         _of_run("one split", "catalogue", {*twice, *(each.object for each in catalogue if each.split not in SPLITS)}),
-        _of_run("tables", "run", (path.relative_to(run).as_posix() for path in checksums.changed(run))),
+        *_check_outputs(Run(run), [run / "catalogue.csv", run / "rejected.csv"] if files is None else files),
     ]
     if sources is not None:
         of_run.append(_check_sources(run, catalogue, Path(sources)))
@@ -351,7 +403,7 @@ def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Pa
             "worst": max(finding.value for finding in group),
             "limit": group[0].limit,
             "passed": not failed[key],
-            "where": checksums.join_first(failed[key], NAMED),
+            "where": seal.join_first(failed[key], NAMED),
         }
         for key, group in groups.items()
     ]

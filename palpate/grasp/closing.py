@@ -49,6 +49,9 @@ class GraspSimulation:
     first finger pushes away to an unknown pose.
     """
 
+    loose = False  # whether the object can move
+    sides: np.ndarray  # of a grip: `palpate.grasp.gripping`
+
     def __init__(
         self,
         hand: Hand,
@@ -67,8 +70,8 @@ class GraspSimulation:
                 f"grasps: a time step of {1e3 * timestep:g} ms is not between {1e3 * LEAST_TIMESTEP:g} and"
                 f" {1e3 * LARGEST_TIMESTEP:g} ms: fingers would sink into the object, or never get there"
             )
-        self.hand = hand
-        self.model = self.specification(hand, patches, timestep, stiffness).compile()
+        self.hand, self.patches, self.timestep, self.stiffness = hand, patches, timestep, stiffness
+        self.model = self.specification().compile()
         self.data = mujoco.MjData(self.model)
         self.steps = max(1, round(duration / timestep))
         # Of each step, how far the targets have moved from the open hand to their end.
@@ -78,32 +81,28 @@ class GraspSimulation:
         self._drivers = hand.drivers  # the joints that have a servo
         self._joints = slice(len(hand.joint_link))  # the hand's, in qpos
 
-    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
-        """Hand and object, with contacts as stiff as the time step allows; arguments as for the class."""
-        spec = build_spec(hand, stiffness)
+    def specification(self) -> mujoco.MjSpec:
+        """Hand and object, with contacts as stiff as the time step allows."""
+        spec = build_spec(self.hand, self.stiffness)
         spec.compiler.usethread = False  # its threads take an eighth more of the processor
         option = spec.option
-        option.timestep = timestep
+        option.timestep = self.timestep
         option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
         option.iterations = ITERATIONS
         option.gravity = [0, 0, 0]
         body = spec.worldbody.add_body(name="object")
-        for number, vertices in enumerate(patches):
-            name = patch_name(number)
+        for number, vertices in enumerate(self.patches):
+            name = f"patch_{number}"
             mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
             body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1)
-        for contact in (*spec.geoms, *spec.pairs):
-            contact.solref = [2 * timestep, 1]
-            contact.solimp = SOLIMP
-            contact.margin = 0
+        solref = [2 * self.timestep, 1]
+        for constraint in (*spec.geoms, *spec.pairs, *spec.equalities):
+            constraint.solref, constraint.solimp = solref, SOLIMP
         # As stiff as contact: by the engine's default a pushed finger leaves its range by 1.4 degrees.
         for joint in spec.joints:
-            joint.solref_limit = [2 * timestep, 1]
-            joint.solimp_limit = SOLIMP
-        for equality in spec.equalities:
-            equality.solref, equality.solimp = [2 * timestep, 1], SOLIMP
+            joint.solref_limit, joint.solimp_limit = solref, SOLIMP
         return spec
 
     def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
@@ -119,6 +118,15 @@ class GraspSimulation:
     def joint_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Joint positions (J,), rad (of a slide m), and velocities (J,), a second, in the present state."""
         return self.data.qpos[self._joints].copy(), self.data.qvel[self._joints].copy()
+
+    @property
+    def object_pose(self) -> np.ndarray:
+        """Pose (4, 4) of the object in the present state: the identity, where it is held."""
+        return np.eye(4)
+
+    def seen_from_object(self, pose: np.ndarray) -> np.ndarray:
+        """A pose (4, 4) relative to the object in the present state, if it is that before the object has moved."""
+        return np.linalg.inv(self.object_pose) @ pose if self.loose else pose
 
     def in_contact(self) -> bool:
         """Whether the hand touches the object in the present state; contact with itself does not count."""
@@ -148,12 +156,11 @@ class GraspSimulation:
         """The state after each step of `close`; it is the simulation's own and changes with the next step."""
         model, data = self.model, self.data
         start, targets = data.qpos[self._joints][self._drivers], targets[self._drivers]
-        for share in self.ramp:
-            data.ctrl[:] = start + share * (targets - start)
+        for step, share in enumerate(self.ramp):
+            self.steer(step, start + share * (targets - start))
             mujoco.mj_step(model, data)
             yield data
 
-
-def patch_name(number: int) -> str:
-    """The name of the mesh and of the geom of a patch of the object."""
-    return f"patch_{number}"
+    def steer(self, step: int, aim: np.ndarray) -> None:
+        """Set the servos for a step of a closing; aim: their targets, on the way to where the closing ends."""
+        self.data.ctrl[:] = aim

@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.grasp.closing import GraspSimulation
 
+STEEPEST = np.cos(np.radians(45))  # of the angle to a sensor's axis at which a contact still presses its face
 SLOTS = 32  # contacts that are stored of a frame: of 40 grasps the most had 10
 OBJECT = -1  # in place of the number of a link
 
@@ -24,6 +25,7 @@ class Contacts(NamedTuple):
     force: np.ndarray  # (n,) N, at least 0
     link: np.ndarray  # (n,) int
     other: np.ndarray  # (n,) int: the link that it touches, or `OBJECT`
+    tangential: np.ndarray  # (n, 3) N, by friction, on the link
 
 
 def contacts(simulation: GraspSimulation) -> Contacts:
@@ -41,28 +43,54 @@ def contacts(simulation: GraspSimulation) -> Contacts:
     first, second = link_of_body[model.geom_bodyid[data.contact.geom]].reshape(-1, 2).T
     swapped = second == OBJECT
     force = np.zeros((data.ncon, 6))
-    for number, each in enumerate(force):
-        mujoco.mj_contactForce(model, data, number, each)
-    found = Contacts(
+    for number, wrench in enumerate(force):
+        mujoco.mj_contactForce(model, data, number, wrench)
+    frame, sign = (
+        data.contact.frame.reshape(-1, 3, 3),
+        np.where(swapped, -1, 1)[:, None],
+    )  # the engine's is of the second
+    unordered = Contacts(
         position=data.contact.pos,
-        normal=data.contact.frame[:, :3] * np.where(swapped, -1, 1)[:, None],  # the engine's is into the second
+        normal=frame[:, 0] * sign,
         force=force[:, 0],
         link=np.where(swapped, first, second),
         other=np.where(swapped, second, first),
+        tangential=(force[:, None, 1:3] @ frame[:, 1:])[:, 0] * sign,
     )
-    order = np.argsort(-found.force, kind="stable")
-    return Contacts(*(values[order] for values in found))
+    if simulation.loose:
+        pose = simulation.object_pose
+        vectors = {name: getattr(unordered, name) @ pose[:3, :3] for name in ("normal", "tangential")}
+        unordered = unordered._replace(position=(unordered.position - pose[:3, 3]) @ pose[:3, :3], **vectors)
+    order = np.argsort(-unordered.force, kind="stable")
+    return Contacts(*(values[order] for values in unordered))
 
 
-def sensor_wrenches(found: Contacts, links: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def on_object(touching: Contacts) -> Contacts:
+    """Those of the contacts that are with the object."""
+    return Contacts(*(values[touching.other == OBJECT] for values in touching))
+
+
+def sensor_wrenches(touching: Contacts, links: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Force (N) and torque (N m) of the object on each sensor's link: (s, 6), in the sensor's frame and at its origin.
 
     links: (s,) int of the sensors. position, rotation: (s, 3) and (s, 3, 3), in the frame of the contacts.
     """
+    on_link = (touching.link == links[:, None]) & (touching.other == OBJECT)
+    forces = (on_link * touching.force)[..., None] * touching.normal  # (s, n, 3)
+    torques = np.cross(touching.position - position[:, None], forces)
+    sums = [vectors.sum(axis=1, keepdims=True) @ rotation for vectors in (forces, torques)]
+    return np.concatenate(sums, axis=-1)[:, 0]
+
+
+def pad_forces(found: Contacts, links: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """How hard the object presses each sensor's face: (s,) N along its axis.
+
+    Contacts that push at more than 45 degrees to the axis are of the link's sides or back and do not count.
+    links: (s,) int of the sensors. rotation: (s, 3, 3), in the frame of the contacts.
+    """
     on_link = (found.link == links[:, None]) & (found.other == OBJECT)
-    force = (on_link * found.force)[..., None] * found.normal  # (s, n, 3)
-    torque = np.cross(found.position - position[:, None], force)
-    return np.concatenate([each.sum(axis=1, keepdims=True) @ rotation for each in (force, torque)], axis=-1)[:, 0]
+    cosine = -rotation[:, :, 0] @ found.normal.T  # (s, n): 1 where the object pushes straight onto the face
+    return np.where(on_link & (cosine > STEEPEST), found.force * cosine, 0).sum(axis=1)
 
 
 def contact_arrays(
@@ -73,12 +101,13 @@ def contact_arrays(
     links, position, rotation: as for `sensor_wrenches`, of each frame. `contact_count` counts all contacts; of the
     others the `SLOTS` with the largest forces are kept, and slots without a contact are 0.
     """
-    arrays = {"contact_count": np.array([len(found.force) for found in frames])}
-    for name in Contacts._fields:
-        columns = [getattr(found, name)[:SLOTS] for found in frames]
+    arrays = {"contact_count": np.array([len(frame.force) for frame in frames])}
+    for name in Contacts._fields[:-1]:
+        columns = [getattr(frame, name)[:SLOTS] for frame in frames]
         padded = np.zeros((len(frames), SLOTS, *columns[0].shape[1:]), columns[0].dtype)
         for slots, values in zip(padded, columns, strict=True):
             slots[: len(values)] = values
         arrays[f"contact_{name}"] = padded
-    wrenches = [sensor_wrenches(*each) for each in zip(frames, [links] * len(frames), position, rotation, strict=True)]
+    poses = zip(frames, position, rotation, strict=True)
+    wrenches = [sensor_wrenches(frame, links, place, turn) for frame, place, turn in poses]
     return arrays | {"sensor_wrench": np.array(wrenches)}

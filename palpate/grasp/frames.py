@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from palpate.checksums import DamagedFile
 from palpate.grasp.contacts import SLOTS, contact_arrays, contacts
 from palpate.grasp.grasp import Grasper
 from palpate.mesh import OBJECT_POSITION
+from palpate.seal import DamagedFile
 
 # Of what every frame has, in the order in which `closing_frames` makes it.
 NAMES = ("time", "joint_positions", "joint_velocities", "link_pose", "sensor_position", "sensor_rotation")
@@ -31,22 +31,28 @@ def frame_steps(count: int, steps: int) -> np.ndarray:
 def kept_closings(
     grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, remedy: str = ""
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Of each of an object's g kept grasps, as they were tried: number, palm pose (4, 4), and servos' targets (J,).
+    """The closings of an object's g kept grasps, as they were tried: number, palm pose (4, 4), servos' targets (J,).
 
     Arguments as for `closing_frames`. Poses are in the object's own frame; the hand is placed there, open. Raises
     DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
     """
-    palms, found = kept["palm_pose"], 0
+    if "start_pose" in kept:
+        for number, (pose, targets) in enumerate(zip(kept["start_pose"], kept["target_positions"], strict=True)):
+            grasper.simulation.sides = kept["sensor_side"][number]
+            grasper.simulation.place(pose, kept["start_positions"][number])
+            yield number, pose, targets
+        return
+    palms, drawn_again = kept["palm_pose"], 0
     for _ in range(int(kept["attempts"])):
-        if found == len(palms) or (placed := grasper.placement(rng)) is None:
+        if drawn_again == len(palms) or (placed := grasper.placement(rng)) is None:
             continue
         pose, thumb = placed
         in_world = pose.copy()
         in_world[:3, 3] += OBJECT_POSITION
         for number in np.flatnonzero((palms == in_world).all(axis=(1, 2))):
-            found += 1
+            drawn_again += 1
             yield int(number), pose, grasper.workspace.targets(pose, grasper.surface, thumb)
-    if found < len(palms):
+    if drawn_again < len(palms):
         raise differs(remedy)
 
 
@@ -78,15 +84,17 @@ def closing_frames(
     time = steps * simulation.model.opt.timestep
     records = {}
     for number, pose, targets in kept_closings(grasper, kept, rng, remedy):
-        states, touching = [], []
+        states, poses, touching = [], [], []
         for _ in simulation.frames(targets, set(steps.tolist())):
             states.append(simulation.joint_state)
+            poses.append(simulation.seen_from_object(pose))
             touching += [contacts(simulation)] if with_contacts else []
         joints, velocities = map(np.array, zip(*states, strict=True))
-        links = hand.forward(pose, joints)
+        links = hand.forward(np.array(poses), joints)
         position, rotation = hand.sensor_frames(links)
-        found = contact_arrays(touching, hand.sensor_link, position, rotation) if with_contacts else {}
-        records[number] = dict(zip(NAMES, (time, joints, velocities, links, position, rotation), strict=True)) | found
+        records[number] = dict(zip(NAMES, (time, joints, velocities, links, position, rotation), strict=True))
+        if with_contacts:
+            records[number] |= contact_arrays(touching, hand.sensor_link, position, rotation)
     frames = {name: np.stack([records[number][name] for number in sorted(records)]) for name in records[0]}
     for places in (frames["link_pose"][..., :3, 3], frames["sensor_position"]):
         places += OBJECT_POSITION

@@ -1,8 +1,10 @@
 """Grasps of one object: attempts until enough of them are valid, of which the best are kept."""
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -10,6 +12,7 @@ import trimesh
 from palpate.batch import UnusableObject
 from palpate.configuration import ConfigError
 from palpate.grasp.closing import TIMESTEP, GraspSimulation
+from palpate.grasp.contacts import Contacts, contacts, pad_forces
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.targets import Workspace, palm_pose, with_normals
@@ -31,7 +34,9 @@ UNSTABLE = "simulation warned or gave NaN"
 UNSETTLED = "still moving at the end"
 OUT_OF_RANGE = "a joint out of its range"
 UNTOUCHED = "no sensor touches"
+ONE_SIDE = "touches from one side only"
 PENETRATING = "penetrates too deep"
+NOT_HELD = "does not hold"
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,8 @@ class Grasp:
     sensor_rotation: np.ndarray  # (s, 3, 3)
     touches: np.ndarray  # (s,) bool
     penetration: float  # of the hand in the object, or in itself
+    pad_force: np.ndarray  # (s,) N, of the object on each sensor's face, along its axis
+    more: dict[str, np.ndarray]  # of a grasp across the object: `palpate.grasp.across`
 
 
 @dataclass(frozen=True)
@@ -55,33 +62,59 @@ class GraspSet(Grasp):
     discarded: dict[str, int]  # how many of them gave no grasp, by reason
     omitted: dict[str, int]  # what the simulation omits, and how much of each
 
+    @property
+    def made(self) -> int:
+        """Valid grasps, also those that don't hold."""
+        return self.attempts - sum(count for reason, count in self.discarded.items() if reason != NOT_HELD)
+
 
 class Grasper:
     """One object and one hand, set up once for any number of attempts. Frames: the object's own."""
 
     def __init__(
-        self, visual, collision, surface_points, hand: Hand,
-        timestep=TIMESTEP, max_penetration=MAX_PENETRATION, thumb_share=THUMB_SHARE, sensor=DIGIT,
-    ):  # fmt: skip
+        self,
+        visual: trimesh.Trimesh,
+        collision: trimesh.Trimesh,
+        surface_points: np.ndarray,
+        hand: Hand,
+        timestep: float = TIMESTEP,
+        max_penetration: float = MAX_PENETRATION,
+        thumb_share: float = THUMB_SHARE,
+        sensor: Sensor = DIGIT,
+    ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
         Raises what `check_hand` does, and UnusableObject for an object without a face.
         """
-        self.hand, self.max_penetration, self.thumb_share = hand, max_penetration, thumb_share
+        self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
         self.workspace = workspace_of(hand)
         self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
-        patches = surface_patches(collision)
-        if not patches:
+        self.collision, self.patches = collision, surface_patches(collision)
+        if not self.patches:
             raise UnusableObject("the collision mesh has no surface that a finger could stop at")
-        self.simulation = GraspSimulation(hand, patches, timestep)
-        self.omitted = omitted(hand, len(patches), len(visual.faces))
+        self.simulation = self.simulate()
+        self.omitted = omitted(hand, len(self.patches), len(visual.faces))
         self.check = PenetrationCheck(hand, visual)
         self.check.require_open(max_penetration)
         self.visual, self.sensor = visual, sensor
 
+    loose_simulation: Any = None  # in which the object is let go, if the grasper has one
+
+    def simulate(self) -> GraspSimulation:
+        """The simulation of a closing."""
+        return GraspSimulation(self.hand, self.patches, self.timestep)
+
+    def at_rest(self, touching: Contacts) -> dict[str, np.ndarray] | str:
+        """What else a grasp with these contacts has, by name; or the reason for which it is none."""
+        return {}
+
+    def holds(self, pose: np.ndarray, joint_positions: np.ndarray) -> bool:
+        """Whether a hand that has closed is to be kept."""
+        return True
+
     @cached_property
     def caster(self) -> RayCaster:
-        """What decides which sensors touch."""
+        """The ray caster that decides which sensors touch."""
         return RayCaster(self.visual, sensor=self.sensor)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
@@ -108,6 +141,11 @@ class Grasper:
             return UNSETTLED
         if self.hand.out_of_range(closed.joint_positions) > MAX_OUT_OF_RANGE:
             return OUT_OF_RANGE
+        touching = contacts(self.simulation)
+        more = self.at_rest(touching)
+        if isinstance(more, str):
+            return more
+        pose = self.simulation.seen_from_object(pose)
         links = self.hand.forward(pose, closed.joint_positions)
         position, rotation = self.hand.sensor_frames(links)
         touches = self.caster.succeeds(position, rotation)
@@ -116,7 +154,10 @@ class Grasper:
         depth = max(self.check.in_object(links), self.check.in_itself(links))
         if depth > self.max_penetration:
             return PENETRATING
-        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth)
+        pad_force = pad_forces(touching, self.hand.sensor_link, rotation)
+        if not self.holds(pose, closed.joint_positions):
+            return NOT_HELD
+        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth, pad_force, more)
 
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
         """A random palm pose (4, 4) at which the open hand is clear of the object; the simulation is put there."""
@@ -131,8 +172,8 @@ class Grasper:
 
 
 def check_hand(hand: Hand, timestep: float = TIMESTEP, max_penetration: float = MAX_PENETRATION) -> None:
-    """Raises ConfigError, as a run should before its first object, for a hand or settings that no object can be grasped
-    with: an open hand whose links penetrate each other, or what can't be simulated."""
+    """Raise ConfigError for a hand or settings that no object can be grasped with, as a run should before its first
+    object: an open hand whose links penetrate each other, or what can't be simulated."""
     PenetrationCheck(hand, trimesh.Trimesh()).require_open(max_penetration)
     try:
         GraspSimulation(hand, [], timestep)
@@ -153,6 +194,7 @@ def grasp_object(
     max_penetration: float = MAX_PENETRATION,
     thumb_share: float = THUMB_SHARE,
     sensor: Sensor = DIGIT,
+    grasper_type: Callable[..., Grasper] = Grasper,
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, of at most `max_attempts` attempts in all,
     and the `per_object` with the most touches are kept, of equals the earlier.
@@ -161,6 +203,7 @@ def grasp_object(
     its exterior, in the world frame, as the surface store has them. timestep: of the simulation, seconds.
     max_penetration: metres; a deeper grasp is not accepted. thumb_share: of the attempts, in which the thumb closes
     too; with 1, more sensors touch than in the paper. sensor: the hand's sensors, which decide what touches.
+    grasper_type: makes the object's grasper; `palpate.grasp.grasper_type` has others.
 
     Returns the grasps in the world frame; the same generator gives the same.
     Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object without a
@@ -171,8 +214,9 @@ def grasp_object(
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
-    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
-    grasps, discarded = [], Counter()
+    grasper = grasper_type(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
+    grasps: list[Grasp] = []
+    discarded: Counter[str] = Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
         result = grasper.attempt(rng)
         if isinstance(result, str):
@@ -188,11 +232,13 @@ def grasp_object(
 
 def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], omitted: dict[str, int]) -> GraspSet:
     """Grasps of an object in its own frame, stacked, in the world frame."""
-    arrays = {field.name: np.stack([getattr(grasp, field.name) for grasp in grasps]) for field in fields(Grasp)}
+    names = [field.name for field in fields(Grasp) if field.name != "more"]
+    arrays = {name: np.stack([getattr(grasp, name) for grasp in grasps]) for name in names}
     for places in (arrays["palm_pose"][:, :3, 3], arrays["link_pose"][:, :, :3, 3], arrays["sensor_position"]):
         places += OBJECT_POSITION
     arrays["penetration"] = arrays["penetration"].astype(np.float32)
-    return GraspSet(**arrays, attempts=attempts, discarded=discarded, omitted=omitted)
+    more = {name: np.stack([grasp.more[name] for grasp in grasps]) for name in grasps[0].more}
+    return GraspSet(**arrays, more=more, attempts=attempts, discarded=discarded, omitted=omitted)
 
 
 def omitted(hand: Hand, patches: int, visual_faces: int) -> dict[str, int]:

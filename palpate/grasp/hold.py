@@ -3,7 +3,7 @@
 A second simulation, which changes no grasp: a closing has a held object and no friction.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import mujoco
@@ -11,14 +11,18 @@ import numpy as np
 import trimesh
 
 from palpate.grasp.closing import GraspSimulation
+from palpate.grasp.contacts import Contacts, contacts, on_object
 from palpate.grasp.frames import kept_closings
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
+from palpate.grasp.quality import cone_margin, wrench_radius
 from palpate.hand import Hand
 from palpate.hand.model import STIFFNESS
+from palpate.mesh import OBJECT_POSITION
 
 GRAVITY = 9.81  # m / s^2
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])  # +x, +y, +z, -x, -y, -z of the world
+RESTED = 0.1  # s in which forces come to rest
 CONDIM = 3  # contacts resist sliding; turning only as far as there are several
 
 
@@ -39,7 +43,7 @@ def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
     """
     solid = bool(mesh.is_volume)
     volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(surface_patches(mesh)))
-    return Body(density * volume.volume, volume.center_mass, density * volume.moment_inertia, solid)
+    return Body(float(density * volume.volume), volume.center_mass, density * volume.moment_inertia, solid)
 
 
 class HoldSimulation(GraspSimulation):
@@ -47,6 +51,8 @@ class HoldSimulation(GraspSimulation):
 
     Friction cones are elliptic: with pyramids a contact resists less along their diagonals.
     """
+
+    loose, heavier = True, 1.0  # whether the object can move; of the simulated mass, over the object's
 
     def __init__(
         self,
@@ -61,9 +67,9 @@ class HoldSimulation(GraspSimulation):
         self.body, self.friction = body, friction
         super().__init__(hand, patches, timestep, stiffness=stiffness)
 
-    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
-        """As `GraspSimulation.specification`."""
-        spec = super().specification(hand, patches, timestep, stiffness)
+    def specification(self) -> mujoco.MjSpec:
+        """Hand and object as for a closing, with the object's weight and friction."""
+        spec = super().specification()
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.compiler.balanceinertia = True  # of a thin plate, the sum of two moments may miss the third by rounding
         for geom in spec.geoms:
@@ -71,11 +77,26 @@ class HoldSimulation(GraspSimulation):
         for body in spec.bodies:
             body.gravcomp = 1
         free, inertia = spec.body("object"), self.body.inertia
-        free.add_freejoint()
+        if self.loose:
+            free.add_freejoint()
         free.gravcomp, free.explicitinertial = 0, True
         free.mass, free.ipos = self.body.mass, self.body.centre
         free.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         return spec
+
+    @property
+    def object_pose(self) -> np.ndarray:
+        """As `GraspSimulation.object_pose`; of a loose object where it has moved to."""
+        pose, rotation = np.eye(4), np.zeros(9)
+        if self.loose:  # not `xpos`, which after a step is that before it
+            mujoco.mju_quat2Mat(rotation, self.data.qpos[-4:])
+            pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), self.data.qpos[-7:-4]
+        return pose
+
+    def set_forces(self, gravity: np.ndarray, damping: np.ndarray | float = 0.0) -> None:
+        """Let the object's weight be that of `gravity` (3,), m / s^2, and damp its six velocities."""
+        self.model.opt.gravity = gravity / self.heavier
+        self.model.dof_damping[self._joints.stop :] = damping
 
     def moved(
         self,
@@ -86,13 +107,13 @@ class HoldSimulation(GraspSimulation):
         duration: float,
         distance: float,
     ) -> float:
-        """How far the object's centre of mass is from its place at most, m; NaN if the engine warned.
+        """The largest distance of the object's centre of mass from its place, m; NaN if the engine warned.
 
         It starts at rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets`
         (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.
         """
         model, data = self.model, self.data
-        model.opt.gravity = gravity
+        self.set_forces(gravity)
         self.place(palm_pose, joint_positions)
         data.ctrl[:] = targets[self._drivers]
         start, farthest = data.xipos[self._object].copy(), 0.0
@@ -104,6 +125,27 @@ class HoldSimulation(GraspSimulation):
         # A NaN resets the state silently; only the warnings tell.
         warned = any(warning.number for warning in data.warning) or not np.isfinite(data.qpos).all()
         return np.nan if warned else farthest
+
+    def pressed(self, palm_pose: np.ndarray, joint_positions: np.ndarray, targets: np.ndarray) -> Contacts:
+        """The contacts with the object without gravity, `RESTED` s after the start of `moved`."""
+        self.set_forces(np.zeros(3))
+        self.place(palm_pose, joint_positions)
+        self.data.ctrl[:] = targets[self._drivers]
+        mujoco.mj_step(self.model, self.data, round(RESTED / self.model.opt.timestep))
+        return on_object(contacts(self))
+
+
+def held_poses(
+    grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, remedy: str = ""
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Of each of an object's kept grasps number, palm pose (4, 4) and servos' targets (J,) at rest, in the object's own
+    frame; arguments as for `hold_grasps`."""
+    if "servo_positions" not in kept:
+        yield from kept_closings(grasper, kept, rng, remedy)
+        return
+    poses = kept["palm_pose"].copy()
+    poses[:, :3, 3] -= OBJECT_POSITION
+    yield from zip(range(len(poses)), poses, kept["servo_positions"], strict=True)
 
 
 def hold_grasps(
@@ -125,19 +167,27 @@ def hold_grasps(
 
     Raises DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
     """
-    body, timestep = body_of(collision, density), grasper.simulation.model.opt.timestep
-    simulation = HoldSimulation(grasper.hand, surface_patches(collision), body, friction, timestep)
+    simulation = grasper.loose_simulation
+    if simulation is None:
+        body = body_of(collision, density)
+        simulation = HoldSimulation(grasper.hand, grasper.patches, body, friction, grasper.timestep)
+    length = np.linalg.norm(collision.vertices - simulation.body.centre, axis=1).max()
     moved = np.full((len(kept["palm_pose"]), len(DIRECTIONS)), np.nan)
-    for number, pose, targets in kept_closings(grasper, kept, rng, remedy):
-        for column, direction in enumerate(DIRECTIONS):
-            at_rest = pose, kept["joint_positions"][number], targets
-            moved[number, column] = simulation.moved(*at_rest, GRAVITY * direction, duration, distance)
+    radius, margin = np.zeros((2, len(moved)))
+    for number, pose, targets in held_poses(grasper, kept, rng, remedy):
+        at_rest = pose, kept["joint_positions"][number], targets
+        moved[number] = [simulation.moved(*at_rest, GRAVITY * axis, duration, distance) for axis in DIRECTIONS]
+        pressed = simulation.pressed(*at_rest)
+        radius[number] = wrench_radius(pressed, friction, simulation.body.centre, length)
+        margin[number] = cone_margin(pressed, friction)
     simulated = ~np.isnan(moved)
     held = np.where(simulated, moved <= distance, -1)
     return {
         "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
         "held_along": held,
         "moved": np.where(simulated, moved, np.inf),
-        "mass": np.float64(simulation.model.body("object").mass[0]),
-        "solid": np.bool_(body.solid),
+        "mass": np.array(simulation.model.body("object").mass[0] / simulation.heavier),
+        "solid": np.array(simulation.body.solid),
+        "wrench_radius": radius,
+        "cone_margin": margin,
     }

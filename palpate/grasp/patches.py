@@ -13,11 +13,11 @@ WELD = 1e-6  # metres: vertices of a patch this close are one
 NARROWEST = 2e-5  # metres: narrower patches are skipped, for their hulls are degenerate
 
 
-def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL, thickness: float = THICKNESS) -> list[np.ndarray]:
+def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL) -> list[np.ndarray]:
     """Point sets (V, 3) whose convex hulls together are a thin shell on the inner side of the mesh's surface.
 
     Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the signed axis
-    nearest to their normal; a group's vertices and a copy shifted inwards by `thickness` are a patch. Faces without
+    nearest to their normal; a group's vertices and a copy shifted inwards by `THICKNESS` are a patch. Faces without
     area are omitted, and groups narrower than `NARROWEST`.
     """
     triangles = split_long_edges(np.asarray(mesh.triangles), cell / 2)
@@ -34,9 +34,9 @@ def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL, thickness: float 
     points, owner = distinct_corners(triangles, group)
     # The mean over the area: many small triangles on an edge don't turn it.
     outwards = np.column_stack([np.bincount(group, weights=areas[:, axis]) for axis in range(3)])
-    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    outwards = outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
     bounds = np.flatnonzero(np.diff(owner)) + 1
-    outer, inner = np.split(points, bounds), np.split(points - thickness * outwards[owner], bounds)
+    outer, inner = np.split(points, bounds), np.split(points - THICKNESS * outwards[owner], bounds)
     return [np.concatenate(pair) for pair in zip(outer, inner, strict=True)]
 
 

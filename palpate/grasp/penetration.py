@@ -75,7 +75,7 @@ class PenetrationCheck:
         return distances
 
     def require_open(self, max_penetration: float) -> None:
-        """Raises ConfigError, naming the links, if the open hand is deeper in itself than metres."""
+        """Raise ConfigError, naming the links, if the open hand is deeper in itself than metres."""
         links = self.hand.forward(np.eye(4), self.hand.open_joint_positions)
         if self.in_itself(links) <= max(0.0, max_penetration):
             return
@@ -124,7 +124,7 @@ class PenetrationCheck:
     def meeting(self, low: np.ndarray, high: np.ndarray, among: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Which of the object's triangles meet which of the boxes from `low` to `high` (B, 3), by their own boxes:
         (B, T) bool, of those `among` them."""
-        meets = True
+        meets = np.array(True)
         for own_low, own_high, lowest, highest in zip(self.low, self.high, low.T, high.T, strict=True):
             meets = meets & (own_low[among] < highest[:, None]) & (own_high[among] > lowest[:, None])
         return meets

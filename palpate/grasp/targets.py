@@ -52,6 +52,13 @@ def palm_pose(hand: Hand, surface: Surface, rng: np.random.Generator) -> np.ndar
     return face @ np.linalg.inv(hand.palm_anchor)
 
 
+def tangents(normals: np.ndarray) -> np.ndarray:
+    """Of unit vectors (..., 3) two others (..., 2, 3) that are orthogonal to them and to each other."""
+    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(normals, first)], axis=-2)
+
+
 class Workspace:
     """Reachable positions and directions of a hand's sensors, in the palm frame; the same for every object."""
 
@@ -61,7 +68,8 @@ class Workspace:
         self.chains = sensor_joints(hand)
         # Also those that joints of the chain drive or follow: (s, J) bool.
         self.moves = self.chains @ (hand.joint_driver[:, None] == hand.joint_driver)
-        self.configurations = hand.follow(rng.uniform(*hand.joint_range.T, (CONFIGURATIONS, len(hand.joint_link))))
+        low, high = hand.joint_range.T
+        self.configurations = hand.follow(rng.uniform(low, high, (CONFIGURATIONS, len(low))))
         apex, direction = self.apex(hand.forward(np.eye(4), self.configurations))
         features = np.concatenate([apex, DIRECTION_LENGTH * direction], axis=-1)
         self.open_apex = self.apex(hand.forward(np.eye(4), hand.open_joint_positions))[0]
@@ -129,7 +137,7 @@ class Workspace:
             damping = np.where(better, damping / DAMPING_FACTOR, damping * DAMPING_FACTOR)
         return joints, miss
 
-    def _linearised(self, joints, goal, inward) -> tuple[np.ndarray, np.ndarray]:
+    def _linearised(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Error of each gel's place and direction (..., s, 6), and the Jacobian."""
         pose = self.hand.forward(np.eye(4), joints)
         apex, direction = self.apex(pose)
@@ -152,7 +160,7 @@ class Workspace:
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """The x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N).
+    """Solutions x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N).
 
     Gaussian elimination, which needs no pivots here. LAPACK's result depends on its threads, and is slower for these.
     """
@@ -170,10 +178,9 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
 
 def sensor_joints(hand: Hand) -> np.ndarray:
     """Which joints are between the palm and which sensor: (s, J) bool."""
-    moves = np.zeros((len(hand.sensor_link), len(hand.joint_link)), dtype=bool)
+    between = np.zeros((len(hand.sensor_link), len(hand.joint_link)), dtype=bool)
     for sensor, link in enumerate(hand.sensor_link):
         while link >= 0:
-            if hand.joint_of_link[link] >= 0:
-                moves[sensor, hand.joint_of_link[link]] = True
+            between[sensor, hand.joint_link == link] = True
             link = hand.link_parent[link]
-    return moves
+    return between

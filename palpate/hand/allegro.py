@@ -3,10 +3,12 @@
 Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. Metres, radians.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 
 from palpate.hand.hand import Hand, rotation_about
 from palpate.sensor import DIGIT
@@ -18,13 +20,16 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     gel_face: m from the sensor frame to the gel's face, of another sensor in the DIGIT's place.
     """
     given = yaml.safe_load(Path(__file__).with_name("allegro.yaml").read_text(encoding="utf-8"))
-    links, joints, geoms, sensors = [("palm", -1, (0, 0, 0), np.eye(3))], [], [], []
+    links: list[tuple] = [("palm", -1, (0, 0, 0), np.eye(3))]
+    joints: list[tuple] = []
+    geoms: list[tuple] = []
+    sensors: list[tuple] = []
 
-    def add_box(link, centre, half_extents, colour) -> None:
+    def add_box(link: int, centre: ArrayLike, half_extents: ArrayLike, colour: str) -> None:
         no_mesh = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
         geoms.append((link, "box", half_extents, centre, np.eye(3), given["colours"][colour], True, *no_mesh))
 
-    def add_between(link, bounds, colour) -> None:
+    def add_between(link: int, bounds: Sequence[Sequence[float]], colour: str) -> None:
         low, high = np.transpose(bounds)
         add_box(link, (low + high) / 2, (high - low) / 2, colour)
 
@@ -34,11 +39,12 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     sensor_position = given["sensor"] + np.array([DIGIT.gel_face - gel_face, 0, 0])
     for name, finger in given["fingers"].items():
         link = 0
-        for number, each in enumerate(finger["links"]):
-            links.append((f"{name}_{number}", link, each["position"], roll_pitch_yaw(*each["turn"])))
+        for number, phalanx in enumerate(finger["links"]):
+            links.append((f"{name}_{number}", link, phalanx["position"], roll_pitch_yaw(*phalanx["turn"])))
             link = len(links) - 1
-            joints.append((link, each["axis"], False, each["range"], links[link][0], len(joints), (0, 1, 0, 0, 0)))
-            add_box(link, each["centre"], each["half_extents"], "link")
+            joint = len(joints)
+            joints.append((link, phalanx["axis"], False, phalanx["range"], links[link][0], joint, (0, 1, 0, 0, 0)))
+            add_box(link, phalanx["centre"], phalanx["half_extents"], "link")
         links.append((f"{name}_tip", link, (0, 0, finger["tip"]), np.eye(3)))
         tip = len(links) - 1
         add_between(tip, given["digit"], "digit")

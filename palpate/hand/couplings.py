@@ -21,8 +21,8 @@ REMEDY = "write it as `equality/joint`s of one driver with `polycoef`, or delete
 
 
 class Couplings:
-    """Of the J joints with these numbers: `driver` (J,), `coefficients` (J, 5) of powers of the driver's position, and
-    `range` (J, 2), NaN without one.
+    """Couplings of the J joints with these numbers: `driver` (J,), `coefficients` (J, 5) of powers of the driver's
+    position, and `range` (J, 2), NaN without one.
 
     Raises ValueError that names the equality, or the joints, for what ties the hand to something else, or is not moved
     by one servo within `TOLERANCE`.
@@ -85,8 +85,8 @@ class Couplings:
         return tied
 
     def _violated(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much active equalities and `tendons` are violated with the joints at (J,): (R,) rad or m, and
-        derivatives (R, J)."""
+        """Violations (R,) of active equalities and `tendons` with the joints at (J,), rad or m, and their derivatives
+        (R, J)."""
         model, data = self.model, self.data
         data.qpos[:], data.qpos[self.positions] = model.qpos0, at
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):
@@ -113,7 +113,8 @@ class Couplings:
         slopes = self._violated(self.reference)[1][:, others]
         if len(moments) > 1 and np.linalg.matrix_rank(slopes, 1e-6) < len(others):
             raise ValueError(f"{what} needs the servos of {len(moments)} actuators, and gets one: {REMEDY}")
-        grid = np.linspace(*self.range[driver], SAMPLES)
+        low, high = self.range[driver]
+        grid = np.linspace(low, high, SAMPLES)
         start, solved = int(np.abs(grid - self.reference[driver]).argmin()), np.zeros((SAMPLES, len(self.joints)))
         for numbers in (range(start, SAMPLES), range(start, -1, -1)):
             at = self.reference.copy()
@@ -167,8 +168,10 @@ class Couplings:
         return np.array([np.abs(self._violated(at)[0]).max() for at in positions])
 
     def _equality(self, number: int) -> str:
+        """An equality as messages call it: its kind, and its name or number."""
         kind = mujoco.mjtEq(self.model.eq_type[number]).name.removeprefix("mjEQ_").lower()
         return f"equality/{kind} {self.model.eq(number).name or number}"
 
-    def _names(self, joints) -> str:
+    def _names(self, joints: np.ndarray | list[int]) -> str:
+        """Names of some of the joints, by their numbers among the hand's."""
         return ", ".join(repr(self.model.joint(joint).name) for joint in self.joints[joints])

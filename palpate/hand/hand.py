@@ -3,10 +3,15 @@
 Nothing here knows an engine: touch simulation and renderer read the same `Hand` as the grasp simulation.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsContainsAndGetItem
 
 GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
@@ -18,6 +23,7 @@ GEL_SEARCH = 0.05  # m in front of a sensor's origin searched for the surface of
 # Of `Hand`: attributes that are tuples; types of arrays that are not float, by the second word of their names.
 TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names", "joint_names")
 DTYPES = {"parent": int, "link": int, "driver": int, "slides": bool, "collides": bool, "thumb": bool}
+Rows = Sequence[Sequence[Any]]
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
 
@@ -61,6 +67,7 @@ class Hand:
     open_joint_positions: np.ndarray  # (J,)
     palm_anchor: np.ndarray  # (4, 4) in the palm frame: on the palm's face, x its outward normal, z to the fingers
     colliding_pairs: np.ndarray  # (P, 2) int: geoms that collide with each other, the lower number first
+    opposing_sensors: np.ndarray | None = None  # (s,) bool: those on one of two sides of an object; None: not said
 
     def __post_init__(self) -> None:
         if not len(self.sensor_link) or self.sensor_thumb.all():
@@ -75,16 +82,6 @@ class Hand:
             raise ValueError(f"hand {self.name!r} has geoms of kind {sorted(unknown)}: use {', '.join(GEOM_KINDS)}")
         if not self.geom_collides.any():
             raise ValueError(f"hand {self.name!r} has no geom that collides: its fingers would pass through objects")
-        # Half spaces of colliding meshes, once: (P, 4) outward normal and offset, empty for other geoms.
-        meshes = self.geom_collides & (np.array(self.geom_kind) == "mesh")
-        planes = tuple(
-            half_spaces(vertices) if mesh else np.zeros((0, 4))
-            for mesh, vertices in zip(meshes, self.geom_vertices, strict=True)
-        )
-        object.__setattr__(self, "geom_planes", planes)
-        joint_of_link = np.full(len(self.link_names), -1)
-        joint_of_link[self.joint_link] = np.arange(len(self.joint_link))
-        object.__setattr__(self, "joint_of_link", joint_of_link)
         if not SMALLEST <= self.length() <= LARGEST:
             raise ValueError(
                 f"hand {self.name!r} is {self.length():.3g} m from end to end, not {SMALLEST:g} to"
@@ -92,18 +89,27 @@ class Hand:
             )
 
     @classmethod
-    def from_rows(cls, name: str, links, joints, geoms, sensors, open_joint_positions, palm_anchor) -> "Hand":
+    def from_rows(
+        cls,
+        name: str,
+        links: Rows,
+        joints: Rows,
+        geoms: Rows,
+        sensors: Rows,
+        open_joint_positions: Sequence[float] | np.ndarray,
+        palm_anchor: np.ndarray,
+    ) -> "Hand":
         """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order.
 
         All its geoms that collide do so with each other, but for those of `adjacent_links`.
         """
-        values, names = {}, [field.name for field in fields(cls)]
+        values: dict[str, Any] = {}
         for group, rows in {"link": links, "joint": joints, "geom": geoms, "sensor": sensors}.items():
-            group_names = [each for each in names if each.startswith(f"{group}_")]
-            values |= zip(group_names, zip(*rows, strict=True) if rows else [()] * len(group_names), strict=True)
-        for each in names:
-            if each in values and each not in TUPLES:
-                values[each] = np.array(values[each], dtype=DTYPES.get(each.split("_")[1], float))
+            attributes = [field.name for field in fields(cls) if field.name.startswith(f"{group}_")]
+            columns: Iterable[tuple] = zip(*rows, strict=True) if rows else [()] * len(attributes)
+            for attribute, column in zip(attributes, columns, strict=True):
+                dtype = DTYPES.get(attribute.split("_")[1], float)
+                values[attribute] = column if attribute in TUPLES else np.array(column, dtype=dtype)
         values["joint_range"] = values["joint_range"].reshape(-1, 2)
         values |= {"open_joint_positions": np.array(open_joint_positions), "palm_anchor": palm_anchor}
         hand = cls(name, **values, colliding_pairs=np.zeros((0, 2), dtype=int))
@@ -155,6 +161,22 @@ class Hand:
                 pose[..., link, :3, 3] += joint_positions[..., joint, None] * (rotation @ self.joint_axis[joint])
         return pose
 
+    @cached_property
+    def joint_of_link(self) -> np.ndarray:
+        """Numbers (L,) of the joints that move the links, -1 for a link that is fixed to its parent."""
+        joints = np.full(len(self.link_names), -1)
+        joints[self.joint_link] = np.arange(len(self.joint_link))
+        return joints
+
+    @cached_property
+    def geom_planes(self) -> tuple[np.ndarray, ...]:
+        """Half spaces (P, 4) of each geom that is a colliding mesh, as `half_spaces` gives them; empty for others."""
+        meshes = self.geom_collides & (np.array(self.geom_kind) == "mesh")
+        return tuple(
+            half_spaces(vertices) if mesh else np.zeros((0, 4))
+            for mesh, vertices in zip(meshes, self.geom_vertices, strict=True)
+        )
+
     @property
     def drivers(self) -> np.ndarray:
         """Numbers of the joints that have a servo; the others follow them."""
@@ -195,7 +217,9 @@ class Hand:
         local = (points - geom_pose[:3, 3]) @ geom_pose[:3, :3]
         return signed_distance(self.geom_kind[geom], self.geom_size[geom], local, self.geom_planes[geom])
 
-    def signed_distance(self, points: np.ndarray, link_pose: np.ndarray, links=None) -> np.ndarray:
+    def signed_distance(
+        self, points: np.ndarray, link_pose: np.ndarray, links: Collection[int] | None = None
+    ) -> np.ndarray:
         """Signed distance (N,) of points (N, 3) to the colliding geoms, negative inside: closed forms.
 
         link_pose: (L, 4, 4) in the points' frame. links: only the geoms of these links (default: all).
@@ -233,9 +257,11 @@ class Hand:
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """The hand as named arrays (strings as bytes), such as HDF5 and Zarr store; see `from_arrays`."""
-        arrays = {}
+        arrays: dict[str, np.ndarray] = {}
         for field in fields(self):
             value = getattr(self, field.name)
+            if value is None:
+                continue
             if field.name in ("geom_vertices", "geom_faces"):
                 arrays[field.name] = np.concatenate([np.reshape(array, (-1, 3)) for array in value])
                 arrays[f"{field.name}_count"] = np.array([len(array) for array in value])
@@ -247,16 +273,18 @@ class Hand:
         return arrays
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray], prefix: str = "") -> "Hand":
-        """The hand of `to_arrays`; arrays: any mapping of array-likes (an HDF5 group); prefix: of the names in it."""
-        values = {}
+    def from_arrays(cls, arrays: "SupportsContainsAndGetItem[str, np.ndarray]", prefix: str = "") -> "Hand":
+        """The hand of `to_arrays`; arrays: by name (a store, an HDF5 group); prefix: of the names in it."""
+        values: dict[str, Any] = {}
         for field in fields(cls):
+            if field.name == "opposing_sensors" and f"{prefix}{field.name}" not in arrays:
+                continue
             value = np.asarray(arrays[f"{prefix}{field.name}"][...])
             if field.name in ("geom_vertices", "geom_faces"):
                 ends = np.cumsum(np.asarray(arrays[f"{prefix}{field.name}_count"][...]))
                 values[field.name] = tuple(np.split(value, ends[:-1]))
             elif value.dtype.kind in "SUO":
-                names = tuple(n.decode() if isinstance(n, bytes) else str(n) for n in value.tolist())
+                names = tuple(text.decode() if isinstance(text, bytes) else str(text) for text in value.tolist())
                 values[field.name] = names[0] if field.name == "name" else names
             else:
                 values[field.name] = value

@@ -27,6 +27,8 @@ OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
 CLOSED = 0.005  # m between the middles of two gels that face each other, which no open hand has
 ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
+GROUPS = ("thumb", "opposes")  # of sensors
+
 GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
@@ -42,8 +44,11 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
     that `Couplings` refuses, degrees for radians, or a size that no hand has; naming the sensors' file, for a wrong key
     or name, and positions of the open hand out of range.
     """
-    path, given = Path(path), isinstance(sensors, Mapping)
-    named, description = (f"the sensors of {path}", sensors) if given else (str(sensors), read_yaml(sensors))
+    path = Path(path)
+    if isinstance(sensors, Mapping):
+        named, description = f"the sensors of {path}", sensors
+    else:
+        named, description = str(sensors), read_yaml(sensors)
     check(description, SCHEMA, named)
     try:
         return _Reader(_compile(path), path, named).hand(description, gel_face)
@@ -54,8 +59,10 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 
 
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
-    """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link, and
-    for gels that touch each other in the open hand."""
+    """Read an own hand's files as `from_mjcf` does.
+
+    Returns a sentence for each sensor whose gel's face is off its link, and for gels that touch in the open hand.
+    """
     hand, messages = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face
@@ -113,6 +120,7 @@ def _compile(path: Path) -> mujoco.MjModel:
 
 
 def _urdf(root: ElementTree.Element, path: Path) -> mujoco.MjSpec:
+    """The specification of a URDF, its meshes found. Raises ConfigError for a mesh that is not there."""
     settings = root.find("mujoco/compiler")
     if settings is None:
         settings = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
@@ -146,11 +154,14 @@ class _Reader:
             raise ValueError("the model has no body: give the file that includes it, if it is a part of one")
         self.collides = (model.geom_contype | model.geom_conaffinity) != 0  # or drawn only
         self.collides[[*model.pair_geom1, *model.pair_geom2]] = True
-        self.links, self.joints, self.numbers = [], [], []
+        self.links: list[tuple] = []
+        self.joints: list[list] = []
+        self.numbers: list[int] = []  # of the joints in the model
         self.link_of_body: dict[int, int] = {}
         self.origin_of_body: dict[int, np.ndarray] = {}  # the body frame's origin in its link's frame
 
     def hand(self, description: Mapping, gel_face: float) -> Hand:
+        """The hand of a checked description of its sensors; `gel_face` and errors as of `from_mjcf`."""
         model = self.model
         palm = self._find("body", description["palm"]) if description.get("palm") else 1
         if palm == 0 and not model.body_geomnum[0] and (model.body_parentid[1:] == 0).sum() == 1:
@@ -177,11 +188,14 @@ class _Reader:
         if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
             raise ConfigError(f"{self.source}: sensors: {twice[0]} is named twice")
         sensors = [self._sensor(sensor) for sensor in given]
-        names, thumb = [sensor[0] for sensor in sensors], description.get("thumb") or []
-        if unknown := sorted(set(thumb) - set(names)):
-            raise ConfigError(
-                f"{self.source}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
-            )
+        names, thumb, opposes = ([sensor[0] for sensor in sensors], *(description.get(k) or [] for k in GROUPS))
+        for key, group in zip(GROUPS, (thumb, opposes), strict=True):
+            if unknown := sorted(set(group) - set(names)):
+                raise ConfigError(
+                    f"{self.source}: `{key}` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
+                )
+        if opposes and set(opposes) == set(names):
+            raise ConfigError(f"{self.source}: `opposes` names all sensors: name those of one side of an object")
         if not self.joints:
             raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
         read = Hand.from_rows(
@@ -194,7 +208,9 @@ class _Reader:
             self._anchor(description, geoms),
         )
         opened = self._open(description.get("open"), read)
-        return replace(read, open_joint_positions=opened, colliding_pairs=self._colliding(read, geoms))
+        opposing = np.isin(names, opposes) if opposes else None
+        colliding = self._colliding(read, geoms)
+        return replace(read, open_joint_positions=opened, colliding_pairs=colliding, opposing_sensors=opposing)
 
     def _find(self, kind: str, name: str) -> int:
         """The number of a body or a site that the description of the sensors names."""
@@ -206,7 +222,7 @@ class _Reader:
             raise ConfigError(f"{self.source}: {self.path} has no {kind} {name!r}, but {names or 'none'}") from None
 
     def _check_turns(self) -> None:
-        """Raises ValueError if hinges turn so far or so little that degrees and radians must have been confused."""
+        """Raise ValueError if hinges turn so far or so little that degrees and radians must have been confused."""
         turns = [(name, *limits) for _, _, slides, limits, name in self.joints if not slides and limits.any()]
         for name, low, high in turns:
             if max(-low, high) > FURTHEST_TURN:
@@ -215,7 +231,7 @@ class _Reader:
             raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
 
     def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
-        """(J,) joint positions of the open hand; those that are not given are at the reference, or follow."""
+        """Joint positions (J,) of the open hand; those that are not given are at the reference, or follow."""
         names, start = list(hand.joint_names), hand.open_joint_positions.copy()
         if isinstance(given, Sequence):
             if len(given) != len(names):
@@ -253,6 +269,7 @@ class _Reader:
         return np.unique(np.array(pairs, dtype=int).reshape(-1, 2), axis=0)
 
     def _add_link(self, name: str, parent: int, position: np.ndarray, rotation: np.ndarray) -> int:
+        """Add a link, whose name is made unlike all others; returns its number."""
         while name == "world" or any(name == link[0] for link in self.links):  # names of bodies of the simulation
             name += "_"
         self.links.append((name, parent, position, rotation))
@@ -303,6 +320,7 @@ class _Reader:
         return name, self.link_of_body[body], self.origin_of_body[body] + position, rotation
 
     def _anchor(self, description: Mapping, geoms: list[int]) -> np.ndarray:
+        """The pose (4, 4) that is described, or on the face of the palm's geoms that is farthest along its x."""
         anchor = np.eye(4)
         if given := description.get("anchor"):
             name, link, anchor[:3, 3], anchor[:3, :3] = self._sensor(

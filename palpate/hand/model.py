@@ -34,13 +34,12 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
     spec.compiler.degree = False
     spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS, LEAST_INERTIA
-    bodies = []
+    bodies: list[mujoco.MjsBody] = []
     for link, name in enumerate(hand.link_names):
         parent = spec.worldbody if link == 0 else bodies[hand.link_parent[link]]
         body = parent.add_body(name=name, pos=hand.link_position[link], quat=quaternion(hand.link_rotation[link]))
         bodies.append(body)
-        joint = hand.joint_of_link[link]
-        if joint >= 0:
+        for joint in np.flatnonzero(hand.joint_link == link):
             slides = hand.joint_slides[joint]
             body.add_joint(
                 name=name,

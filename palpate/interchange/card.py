@@ -78,7 +78,7 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
         parts=os.listdir(path.parent),
         kind=config.get("source", {}).get("kind", "unknown"),
         counts=_counts(dataset),
-        figures=sorted(each.name for each in path.parent.glob("figures/*.png")),
+        figures=sorted(figure.name for figure in path.parent.glob("figures/*.png")),
         versions=versions(dataset),
         commit=_commit(dataset.folder / "last_run.json"),
         arrays=_arrays(contents),
@@ -95,16 +95,16 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
 
 def escaped(text: str) -> str:
     """Text in one line that Markdown and HTML show verbatim: no markup, no link, no invisible character."""
-    line = " ".join("".join(each if each.isprintable() else " " for each in str(text)).split())
-    return re.sub(r"[^\w ,.;%+=()/'-]|(?<!\w)_|_(?!\w)|(?<=www)\.|/(?=/)", lambda found: f"&#{ord(found[0])};", line)
+    line = " ".join("".join(letter if letter.isprintable() else " " for letter in str(text)).split())
+    return re.sub(r"[^\w ,.;%+=()/'-]|(?<!\w)_|_(?!\w)|(?<=www)\.|/(?=/)", lambda sign: f"&#{ord(sign[0])};", line)
 
 
 def _public(value: Any) -> Any:
     """A part of the config without the machine's folders: of paths the last name only, and no `results`."""
     if isinstance(value, Mapping):
-        return {key: _public(each) for key, each in value.items() if key != "results"}
+        return {key: _public(item) for key, item in value.items() if key != "results"}
     if isinstance(value, list):
-        return [_public(each) for each in value]
+        return [_public(item) for item in value]
     return Path(value).name if isinstance(value, str) and value.startswith(("/", "~", "..")) else value
 
 
@@ -125,25 +125,25 @@ def _commit(path: Path) -> str:
         raise StoreError(f"{path} is damaged; remove it: the next start of the run writes it again") from None
 
 
-def _counts(dataset: Dataset) -> list[list]:
+def _counts(dataset: Dataset) -> list[list[Any]]:
     """Objects of each class by split, and of all."""
     counts = Counter((record.class_name, record.split) for record in dataset)
     rows = [[escaped(name), *(counts[name, split] for split in SPLITS)] for name in dataset.classes]
     return [*rows, ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]]
 
 
-def _arrays(contents: Contents) -> list[list]:
+def _arrays(contents: Contents) -> list[list[Any]]:
     """Name, shape, type, unit, axes, names of files or columns, and meaning of each array."""
-    rows, grasps, item, names = [], contents.grasps, contents.grasps[0], contents.names()
+    rows, grasps, example, names = [], contents.grasps, contents.example, contents.names()
     for name, (_, spec) in grasps.sources.items():
-        place = " to ".join(f"`{each}`" for each in dict.fromkeys([names[name][0], names[name][-1]]))
+        place = " to ".join(f"`{file}`" for file in dict.fromkeys([names[name][0], names[name][-1]]))
         meaning = spec.meaning.replace("`hand/", "`hand.json`'s `")
         axes = ", ".join(grasps.dimensions(name))
-        rows.append([f"`{name}`", item[name].shape, item[name].dtype, spec.unit, axes, place, meaning])
+        rows.append([f"`{name}`", example[name].shape, example[name].dtype, spec.unit, axes, place, meaning])
     return rows
 
 
-def _joints(hand: Hand) -> list[list]:
+def _joints(hand: Hand) -> list[list[Any]]:
     """Number, name, link, the link that this is on, movement, range and unit, and the joint that it follows."""
     rows, links, joints = [], [*map(escaped, hand.link_names)], [*map(escaped, hand.joint_names)]
     for number, (link, driver) in enumerate(zip(hand.joint_link, hand.joint_driver, strict=True)):
@@ -161,7 +161,8 @@ def _unchecked(dataset: Dataset, digests: Mapping[tuple[str, str], str]) -> list
     return [f"{stage}/{batch}" for (stage, batch), digest in digests.items() if (stage, batch, digest) not in checked]
 
 
-def _rejections(dataset: Dataset) -> list[list]:
+def _rejections(dataset: Dataset) -> list[list[Any]]:
+    """How many objects each stage left out for each kind of reason, the most frequent first."""
     reasons = Counter((row["stage"], without_folders(kind_of_reason(row["reason"]))) for row in dataset.rejections())
     return [[number, escaped(stage), escaped(text)] for (stage, text), number in reasons.most_common()]
 

@@ -17,9 +17,9 @@ from typing import Any
 import jinja2
 
 from palpate import __version__
-from palpate.checksums import Manifest
 from palpate.interchange.card import licence_url
 from palpate.interchange.items import CARD, TEXT, Contents, pictures, versions
+from palpate.seal import Files
 
 TEMPLATE = Path(__file__).with_name("croissant.json.jinja")
 # Media types: of the files at the top of the folder by suffix, and, with their pattern, of sets of files by name.
@@ -37,15 +37,15 @@ LAYOUTS = {
     "zarr": ("application/vnd.zarr", "*.zarr/{}/**", ""),
 }
 # Columns of the tables that are not text, and those that tell rows apart.
-NUMBERS = ("sample", "grasp")
-KEYS = {"objects.csv": "object", "grasps.csv": "sample"}
+NUMBERS = ("sample", "grasp", "press")
+KEYS = {"objects.csv": "object", "grasps.csv": "sample", "presses.csv": "sample"}
 
 
-def write_croissant(path: Path, contents: Contents, manifest: Manifest) -> None:
+def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
     """Write the description of an export whose files are in `manifest`, without a date."""
     top = [name for name in manifest if "/" not in name and Path(name).suffix in FILES]
     files = [_file(name, *manifest[name]) for name in top]
-    files += [_set(name, *each) for name, each in SETS.items() if fnmatch.filter(manifest, each[1])]
+    files += [_set(name, media, names) for name, (media, names) in SETS.items() if fnmatch.filter(manifest, names)]
     sets = [_table(path.parent / name, key) for name, key in KEYS.items() if name in manifest]
     files_of_arrays, sets_of_arrays = _arrays(contents, [name for name in top if name.endswith(".tar")])
     dataset, licence = contents.dataset, licence_url(contents.licence) or contents.licence
@@ -59,6 +59,7 @@ def write_croissant(path: Path, contents: Contents, manifest: Manifest) -> None:
 
 
 def _file(name: str, size: int, digest: str) -> dict[str, Any]:
+    """A file of the export's folder."""
     stated = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": FILES[Path(name).suffix]}
     return {"@type": "cr:FileObject", "@id": name, "name": name, **stated, "sha256": digest}
 
@@ -66,7 +67,7 @@ def _file(name: str, size: int, digest: str) -> dict[str, Any]:
 def _set(name: str, encoding: str, includes: str, archives: Sequence[str] = ()) -> dict[str, Any]:
     """A set of files of the export's folder, or of archives in it."""
     stated = {"encodingFormat": encoding, "includes": includes}
-    within = {"containedIn": [{"@id": each} for each in archives]} if archives else {}
+    within = {"containedIn": [{"@id": archive} for archive in archives]} if archives else {}
     return {"@type": "cr:FileSet", "@id": f"{name}-files", "name": name, **stated, **within}
 
 
@@ -75,12 +76,12 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
 
     archives: tar files that the arrays' files are in.
     """
-    grasps, item, files, sets = contents.grasps, contents.grasps[0], [], []
+    grasps, example, files, sets = contents.grasps, contents.example, [], []
     encoding, pattern, image_type = LAYOUTS[contents.layout.name]
-    columns = [_field("grasps", name, "sc:Text", "metadata-files", column=name) for name in TEXT]
-    columns.append(_field("grasps", "grasp", "cr:Int64", "metadata-files", column="grasp"))
+    columns = [_field(grasps.units, name, "sc:Text", "metadata-files", column=name) for name in TEXT]
+    columns.append(_field(grasps.units, grasps.unit, "cr:Int64", "metadata-files", column=grasps.unit))
     for name, (_, spec) in grasps.sources.items():
-        kind, shape, images = item[name].dtype.name, item[name].shape, pictures(grasps, name, item[name])
+        kind, shape, images = example[name].dtype.name, example[name].shape, pictures(grasps, name, example[name])
         data_type = "sc:Boolean" if kind == "bool" else f"cr:{kind.title().replace('Ui', 'UI')}"
         if images and image_type:  # a file an image; a column has their names, a list if there are several
             data_type, shape = image_type, () if pattern or name in images else (len(images),)
@@ -88,7 +89,7 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
         array["description"] = f"{spec.meaning}{spec.unit and f' ({spec.unit})'}"
         if not pattern:
             (column,) = contents.layout.names(name, [*images])
-            columns.append(_field("grasps", column, data_type, "metadata-files", column=column) | array)
+            columns.append(_field(grasps.units, column, data_type, "metadata-files", column=column) | array)
             continue
         files.append(_set(name, "image/png" if data_type == image_type else encoding, pattern.format(name), archives))
         fields = [_field(name, name, data_type, f"{name}-files", fileProperty="content") | array]
@@ -96,7 +97,7 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
             fields.append(_field(name, "sample", "sc:Integer", f"{name}-files", fileProperty="filename"))
             fields[-1]["source"]["transform"] = {"regex": r"^(\d+)\..*$"}
         sets.append(_records(name, fields))
-    return files, sets or [_records("grasps", columns, "object", "grasp")]
+    return files, sets or [_records(grasps.units, columns, "object", grasps.unit)]
 
 
 def _table(path: Path, key: str) -> dict[str, Any]:
@@ -109,7 +110,7 @@ def _table(path: Path, key: str) -> dict[str, Any]:
 
 def _records(name: str, fields: list[dict[str, Any]], *key: str) -> dict[str, Any]:
     """A record set. key: names of the fields that tell records apart."""
-    stated = {"key": [{"@id": f"{name}/{each}"} for each in key]} if key else {}
+    stated = {"key": [{"@id": f"{name}/{field}"} for field in key]} if key else {}
     return {"@type": "cr:RecordSet", "@id": name, "name": name, **stated, "field": fields}
 
 

@@ -1,7 +1,7 @@
 """An export: samples in one of the layouts, and what every export has beside them (docs/export.md):
 
 objects.csv, meshes/<object>.glb, hand.json, sensor.json, empty_reading.png, cameras.json, figures/*.png,
-README.md (the data card), croissant.json, SHA256SUMS
+README.md (the data card), croissant.json, SHA256SUMS, seal.json
 """
 
 import csv
@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from palpate import checksums
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.dataset import Dataset, ObjectRecord
 from palpate.hand import Hand
 from palpate.interchange import parquet, webdataset, zarr_groups
 from palpate.interchange.card import spdx, write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import CARD, Contents, grasps_by_split, png
+from palpate.interchange.items import CARD, Contents, png, samples_by_split
 from palpate.mesh import mesh_file
 from palpate.store.contract import CONTRACT, FRAMES, UNITS
 from palpate.store.files import StoreError
@@ -49,38 +49,46 @@ def export(
     arrays: Iterable[str] | None = None,
     licence: str = "unknown",
     source: str = "",
+    samples: str = "grasps",
 ) -> int:
     """Write the grasps of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
     number.
 
     folder: a new one, or an empty one. arrays: as for `Dataset.grasps`; without, all of the stages that the run should
-    have. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. Raises FileExistsError for
-    a folder that holds anything; StoreError without objects, for a store that is missing, or for batches with different
-    hands or sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what writing the
-    samples raises.
+    have. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. samples: `grasps`, or
+    `presses`. Raises FileExistsError for a folder that holds anything; StoreError without objects, for a store that is
+    missing, or for batches with different hands or sensors; KeyError for an unknown array; DamagedFile for a missing or
+    changed mesh; and what writing the samples raises.
     """
     folder = Path(folder)
     _require_new(folder)
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
-    splits = grasps_by_split(dataset, arrays)
+    splits = samples_by_split(dataset, arrays, samples)
     contents = Contents(dataset, splits, FORMATS[layout], spdx(licence), source)
+    if (report := dataset.folder / "reports/validation.csv").exists():
+        dataset.require_current(report)
     digests = dataset.digests(None if arrays is None else {stage for stage, _ in contents.grasps.sources.values()})
+    inputs = [dataset.folder / CONTRACT[stage].path(batch) for stage, batch in digests]
+    inputs.append(dataset.folder / "catalogue.csv")
     with atomic_write(folder) as partial:
         partial.mkdir()
-        _write_descriptions(partial, dataset)
+        _write_descriptions(partial, dataset, samples)
         contents.layout.write(partial, splits)
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
         files = sorted(filter(Path.is_file, partial.rglob("*")))
         with ThreadPoolExecutor(2) as pool:
-            sums = pool.map(checksums.size_and_sha256, files)
+            sums = pool.map(seal.size_and_sha256, files)
             manifest = dict(zip((path.relative_to(partial).as_posix() for path in files), sums, strict=True))
         write_croissant(partial / "croissant.json", contents, manifest)
         write_card(partial / CARD, contents, digests)
-        manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
+        manifest |= {name: seal.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
-        (partial / "SHA256SUMS").write_text("".join(lines))
+        sums_file = partial / "SHA256SUMS"
+        sums_file.write_text("".join(lines))
+        manifest[sums_file.name] = seal.size_and_sha256(sums_file)
+        seal.write(partial, seal.made_of(inputs), manifest)
         _require_new(folder)  # still
     return sum(map(len, splits.values()))
 
@@ -110,11 +118,12 @@ def _copy_figures(folder: Path, dataset: Dataset) -> None:
     """Copy the run's figures of data: one data point, and examples of each class; those that it has."""
     names = ["data_point.png", *(f"examples_{name}.png" for name in dataset.classes)]
     for figure in filter(Path.is_file, (dataset.folder / "figures" / name for name in names)):
+        dataset.require_current(figure)
         (folder / "figures").mkdir(exist_ok=True)
         shutil.copyfile(figure, folder / "figures" / figure.name)
 
 
-def _write_descriptions(folder: Path, dataset: Dataset) -> None:
+def _write_descriptions(folder: Path, dataset: Dataset, samples: str) -> None:
     """Write hand, sensor, untouched reading and cameras, of the stages that there are. Raises StoreError if batches
     have different hands or sensors."""
     stages, records = dataset.stages, [*{record.batch: record for record in dataset}.values()]
@@ -125,7 +134,9 @@ def _write_descriptions(folder: Path, dataset: Dataset) -> None:
             raise StoreError(f"{grasps} have different {different[0]}s: build the run from one config")
     for name, text in first.items():
         (folder / f"{name}.json").write_text(text, encoding="utf-8")
-    if "touch" in stages:
+    if samples == "presses":
+        (folder / "empty_reading.png").write_bytes(png(dataset[0].presses[0].empty_reading))
+    elif "touch" in stages:
         (folder / "empty_reading.png").write_bytes(png(dataset.empty_reading))
     if "vision" in stages:
         about = {name: CONTRACT["vision"].arrays[name].meaning for name in ("intrinsics", "extrinsics")}
@@ -148,7 +159,7 @@ def _hand_and_sensor(record: ObjectRecord, stages: Iterable[str]) -> dict[str, s
         texts["sensor"] = _json(stated | {"pixels": PIXELS, "units": units})
     if "grasps" in stages:
         values = {field.name: getattr(record.hand, field.name) for field in fields(Hand)}
-        texts["hand"] = _json({"about": f"{' '.join(Hand.__doc__.split())} {FRAMES_OF_HAND}"} | values)
+        texts["hand"] = _json({"about": f"{' '.join((Hand.__doc__ or '').split())} {FRAMES_OF_HAND}"} | values)
     return texts
 
 

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -44,31 +44,40 @@ class Contents(NamedTuple):
         """Those of the first split, whose arrays all splits have."""
         return next(iter(self.splits.values()))
 
+    @property
+    def example(self) -> dict[str, Any]:
+        """The first grasp, whose arrays have the shapes of all."""
+        return self.grasps[0]
+
     def names(self) -> dict[str, list[str]]:
-        """Of each array the names of the files or columns that hold it."""
-        item, grasps = self.grasps[0], self.grasps
-        return {name: self.layout.names(name, [*pictures(grasps, name, item[name])]) for name in grasps.arrays}
+        """Names of the files or columns that hold each array, by the array's."""
+        example, grasps = self.example, self.grasps
+        return {name: self.layout.names(name, [*pictures(grasps, name, example[name])]) for name in grasps.arrays}
 
 
-def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:
-    """The grasps of each split that has objects. Raises what `Dataset.grasps` raises."""
+def samples_by_split(
+    dataset: Dataset, arrays: Iterable[str] | None, samples: str = "grasps"
+) -> Mapping[str, GraspDataset]:
+    """The grasps or presses of each split that has objects. Raises what `Dataset.grasps` raises."""
+    filled = [split for split in SPLITS if split in {record.split for record in dataset}]
+    if samples == "presses":
+        return {split: dataset.presses(split, dataset.presses(arrays=arrays).arrays) for split in filled}
     camera = None if "vision" in dataset.stages and len(dataset) and dataset[0].cameras > 1 else 0
     whole = dataset.grasps(arrays=arrays, camera=camera)  # the same arrays in each split, an error without objects
-    found = {record.split for record in dataset}
-    return {split: dataset.grasps(split, whole.arrays, camera) for split in SPLITS if split in found}
+    return {split: dataset.grasps(split, whole.arrays, camera) for split in filled}
 
 
 def versions(dataset: Dataset) -> dict[str, str]:
     """Versions of what made the first object's stores, palpate first."""
-    found: dict[str, str] = {}
+    made_by: dict[str, str] = {}
     for stage in dataset.stages:
-        found |= dataset.array(stage, "object").attrs["versions"]
-    return found
+        made_by |= dataset.array(stage, "object").attrs["versions"]
+    return made_by
 
 
-def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict]:
+def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict[str, Any]]:
     """The items of a split; the terminal has a bar."""
-    return iter(tqdm(grasps, desc=split, unit="grasp", disable=not sys.stderr.isatty()))
+    return iter(tqdm(grasps, desc=split, unit=grasps.unit, disable=not sys.stderr.isatty()))
 
 
 def pictures(grasps: GraspDataset, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
@@ -91,7 +100,7 @@ def png(image: np.ndarray) -> bytes:
 
 @lru_cache(maxsize=16)
 def _png(content: bytes, shape: tuple[int, ...]) -> bytes:
-    """Of a uint8 image. Run lengths (Z_RLE) take 0.2 to 0.4 of the default's time."""
+    """The PNG of a uint8 image. Run lengths (Z_RLE) take 0.2 to 0.4 of the default's time."""
     file = io.BytesIO()
     Image.fromarray(np.frombuffer(content, np.uint8).reshape(shape)).save(file, "PNG", compress_type=zlib.Z_RLE)
     return file.getvalue()

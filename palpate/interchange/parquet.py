@@ -4,9 +4,9 @@
         /<split>/<object>/<grasp>/<array>.png        what every export has: palpate.interchange.folder
 """
 
+import itertools
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -31,28 +31,24 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
         raise ImportError(f"Parquet needs pyarrow: pip install 'pyarrow<26'; WebDataset does not ({error})") from error
     for split, grasps in splits.items():
         (folder / split).mkdir()
-        writer, rows, images, running, path = None, [], {}, [], folder / split / "metadata.parquet"
-        with ExitStack() as stack:
-            background = ThreadPoolExecutor(2)  # encodes and compresses while the next rows are read
-            for number, item in enumerate(with_progress(grasps, split), start=1):
-                row, pictures_of_it = _row(item, grasps)
-                rows.append(row)
-                images |= pictures_of_it
-                if len(rows) == ROWS or number == len(grasps):
-                    table = pyarrow.table({name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]})
-                    if writer is None:
-                        # Numbers hardly repeat: dictionaries of them take longer, and more bytes.
-                        how = {"compression": "zstd", "use_dictionary": False}
-                        how["use_byte_stream_split"] = _bytes_apart(rows[0])
-                        writer = stack.enter_context(parquet.ParquetWriter(path, table.schema, **how))
-                        stack.enter_context(background)  # ends before the writer is closed
-                    for each in running:
-                        each.result()
-                    running = [background.submit(writer.write_table, table)]
+        path, items = folder / split / "metadata.parquet", with_progress(grasps, split)
+        first, _ = _row(grasps[0], grasps)
+        # Numbers hardly repeat: dictionaries of them take longer, and more bytes.
+        how = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": _bytes_apart(first)}
+        running: list[Future[None]] = []
+        with (
+            parquet.ParquetWriter(path, _table(pyarrow, [first]).schema, **how) as writer,
+            ThreadPoolExecutor(2) as background,  # encodes and compresses while the next rows are read
+        ):
+            while batch := [_row(item, grasps) for item in itertools.islice(items, ROWS)]:
+                table = _table(pyarrow, [row for row, _ in batch])
+                for task in running:
+                    task.result()
+                running = [background.submit(writer.write_table, table)]
+                for _, images in batch:
                     running += [background.submit(_write_png, folder / split / name, images[name]) for name in images]
-                    rows, images = [], {}
-            for each in running:
-                each.result()
+            for task in running:
+                task.result()
 
 
 def _names(name: str, images: list[str]) -> list[str]:
@@ -60,12 +56,13 @@ def _names(name: str, images: list[str]) -> list[str]:
     return [f"{name}_file_name{'s' * (images != [name])}" if images else name]
 
 
-def _row(item: dict, grasps: GraspDataset) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def _row(item: dict[str, Any], grasps: GraspDataset) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """A grasp's values by column, and its images by path."""
-    row, images, place = {name: item[name] for name in (*TEXT, "grasp")}, {}, f"{item['object']}/{item['grasp']}"
+    row = {name: item[name] for name in (*TEXT, grasps.unit)}
+    images: dict[str, np.ndarray] = {}
     for name in grasps.arrays:
         own = pictures(grasps, name, item[name])
-        files = {f"{place}/{each}.png": image for each, image in own.items()}
+        files = {f"{item['object']}/{item[grasps.unit]}/{key}.png": image for key, image in own.items()}
         (column,) = _names(name, [*own])
         row[column] = [*files] if column.endswith("_file_names") else next(iter(files), item[name])
         images |= files
@@ -73,18 +70,24 @@ def _row(item: dict, grasps: GraspDataset) -> tuple[dict[str, Any], dict[str, np
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
+    """Write an image into a folder that need not be there."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(png(image))
 
 
-def _bytes_apart(row: dict) -> list[str]:
+def _bytes_apart(row: dict[str, Any]) -> list[str]:
     """Parquet's paths of the columns of arrays of floating-point numbers, whose first bytes are stored together, then
     the second (BYTE_STREAM_SPLIT): they take a third less. Single numbers stay as every reader has them."""
-    arrays = {name: each for name, each in row.items() if isinstance(each, np.ndarray) and each.ndim}
-    return [name + ".list.element" * each.ndim for name, each in arrays.items() if each.dtype in ("f4", "f8")]
+    arrays = {name: value for name, value in row.items() if isinstance(value, np.ndarray) and value.ndim}
+    return [name + ".list.element" * array.ndim for name, array in arrays.items() if array.dtype in ("f4", "f8")]
 
 
-def _column(pyarrow: Any, values: list) -> Any:
+def _table(pyarrow: Any, rows: list[dict[str, Any]]) -> Any:
+    """Rows as a table of pyarrow."""
+    return pyarrow.table({name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]})
+
+
+def _column(pyarrow: Any, values: list[Any]) -> Any:
     """A column of text, numbers, lists of text, or arrays of one shape, which become nested lists."""
     if not isinstance(values[0], np.ndarray) or values[0].dtype.kind in "UO":
         return pyarrow.array(values)

@@ -12,6 +12,7 @@ import tarfile
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +25,9 @@ SHARD_BYTES = 500_000_000  # of a tar file, after which the next one begins
 def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
     """Write the grasps of each split: images as `.png` (several of an array are numbered), other arrays as `.npy`."""
     samples = itertools.count()
-    with (folder / "grasps.csv").open("w", encoding="utf-8", newline="") as file:
+    with (folder / f"{next(iter(splits.values())).units}.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(["split", "sample", "object", "class", "grasp"])
+        table.writerow(["split", "sample", "object", "class", next(iter(splits.values())).unit])
         for split, grasps in splits.items():
             shards, written = itertools.count(), SHARD_BYTES
             with ExitStack() as shard:
@@ -42,24 +43,25 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                         entry.size = len(content)
                         tar.addfile(entry, io.BytesIO(content))
                         written += len(content)
-                    table.writerow([split, f"{sample:08d}", item["object"], item["class"], item["grasp"]])
+                    table.writerow([split, f"{sample:08d}", item["object"], item["class"], item[grasps.unit]])
 
 
-def _entries(item: dict, grasps: GraspDataset) -> Iterable[tuple[str, bytes]]:
+def _entries(item: dict[str, Any], grasps: GraspDataset) -> Iterable[tuple[str, bytes]]:
     """Name and content of each file of a sample."""
-    yield "json", json.dumps({name: item[name] for name in (*TEXT, "grasp")}, ensure_ascii=False).encode()
+    yield "json", json.dumps({name: item[name] for name in (*TEXT, grasps.unit)}, ensure_ascii=False).encode()
     for name in grasps.arrays:
         images = pictures(grasps, name, item[name])
         if not images:
             file = io.BytesIO()
             np.save(file, item[name])
             yield f"{name}.npy", file.getvalue()
-        for each, image in images.items():
-            yield f"{each}.png", png(image)
+        for key, image in images.items():
+            yield f"{key}.png", png(image)
 
 
 def _names(name: str, images: list[str]) -> list[str]:
-    return [f"{each}.png" for each in images] or [f"{name}.npy"]
+    """The files that hold an array of a sample."""
+    return [f"{image}.png" for image in images] or [f"{name}.npy"]
 
 
 LAYOUT = Layout("webdataset", write_webdataset, "{}-*.tar", _names)

@@ -43,7 +43,7 @@ def _create(group: zarr.Group, name: str, value: np.ndarray, grasps: GraspDatase
         chunks=(ROWS, *value.shape),
         compressors=BloscCodec(**COMPRESSION),
         attributes={"meaning": spec.meaning, "unit": spec.unit} if spec else {},
-        dimension_names=("grasp", *(grasps.dimensions(name) if spec else ())),
+        dimension_names=(grasps.unit, *(grasps.dimensions(name) if spec else ())),
         config={"write_empty_chunks": True},
     )
 

@@ -1,13 +1,13 @@
 """Trained models as files: weights, with the experiment and settings behind them. Safe to load (no code in them)."""
 
 import io
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
+from palpate import seal
 from palpate.architectures import Architecture
 from palpate.atomic import atomic_write
 from palpate.experiments import Experiment
@@ -17,7 +17,8 @@ from palpate.models.templates import Templates
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
 
-SCHEMA_VERSION = 3  # of checkpoints; those of another are refused
+Model = TypeVar("Model", bound=torch.nn.Module)
+SCHEMA_VERSION = 4  # of checkpoints; those of another are refused
 
 
 class CheckpointError(ValueError):
@@ -31,8 +32,8 @@ def build(
     sensor: Sensor = DIGIT,
     templates: Templates | None = None,
 ) -> Reconstruction | SingleImageModel:
-    """The untrained model of an experiment, for a hand's number of sensors and their kind; of strategy `template` with
-    the charts of the training objects."""
+    """The untrained model of an experiment, for a hand's number of sensors and their kind; with templates, if its
+    strategy begins with them."""
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
     return Reconstruction(experiment, architecture, hand_sensors, sensor, templates)
@@ -48,7 +49,7 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     content = io.BytesIO()  # torch's own writing of a file does not say that the disk is full
     torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, content)
-    with atomic_write(path) as partial:
+    with atomic_write(path, seal.NOTHING) as partial:
         partial.write_bytes(content.getbuffer())
 
 
@@ -92,21 +93,11 @@ def name_of(path: Path | str) -> str | None:
 
 
 def require_intact(path: Path | str) -> None:
-    """Raise CheckpointError if a file that torch saved is not as it was written.
-
-    It is a ZIP archive, whose members have checksums (CRC-32). torch.load does not look at them.
-    """
+    """Raise CheckpointError if a checkpoint is not as its seal states, which torch.load does not look at."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            wrong = archive.testzip()
-    except Exception as error:  # whatever a damaged directory of the archive makes the reader trip over
-        raise CheckpointError(
-            f"{path} is no checkpoint of Palpate ({type(error).__name__}: {error}); remove it and train again"
-        ) from error
-    if wrong is not None:
-        raise CheckpointError(
-            f"{path} has changed since it was written (checksum of {wrong}); remove it and train the model again"
-        )
+        seal.verify(path)
+    except seal.DamagedFile as error:
+        raise CheckpointError(str(error)) from None
 
 
 def experiment_of(content: Mapping[str, Any]) -> Experiment:
@@ -133,8 +124,8 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
         arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks"))
-        described = experiment if shares_weights else experiment_of(content)
-        templates = Templates(*arrays) if described.strategy == "template" else None
+        described = experiment_of(content) if experiment is None or not shares_weights else experiment
+        templates = Templates(*arrays) if described.plan.start == "templates" else None
         model = build(described, architecture, *_sensor_of(content), templates)
         if shares_weights:  # one without touch leaves out what a touch would pass through
             own, weights = model.state_dict(), content["weights"]
@@ -173,7 +164,8 @@ def load_touch_depth(path: Path | str) -> TouchDepth:
     return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 
 
-def _filled(path: Path | str, make: Callable[[], torch.nn.Module], content: Mapping[str, Any]):
+def _filled(path: Path | str, make: Callable[[], Model], content: Mapping[str, Any]) -> Model:
+    """The model that `make` builds, with the content's weights, in evaluation mode."""
     try:
         model = make()
         model.load_state_dict(content["weights"])

@@ -15,8 +15,9 @@ import numpy as np
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset
 from palpate.experiments import Experiment
-from palpate.learning.inputs import Input, camera_array, inputs, stages
+from palpate.learning.inputs import Input, inputs, stages
 from palpate.sensor import DIGIT, Sensor
+from palpate.strategies import CAMERAS
 
 IN_MEMORY = "the data in memory"  # in messages
 
@@ -46,10 +47,9 @@ class ExperimentData:
         sensor: Sensor = DIGIT,
         one_size: bool = True,
     ):
-        self.source, self.arrays, self.sensor = source, dict(arrays), sensor
-        self.objects, self.classes, self.splits = (
-            [str(name) for name in self.arrays.pop(key)] for key in ("object", "class", "split")
-        )
+        self.source, self.sensor, names = source, sensor, ("object", "class", "split")
+        self.objects, self.classes, self.splits = ([str(name) for name in arrays[key]] for key in names)
+        self.arrays = {name: np.asarray(values) for name, values in arrays.items() if name not in names}
         grasped = next((name for name in ("success", "occluded", "occluded_silhouette") if name in self), None)
         self.grasps = self[grasped].shape[1] if grasped else 0
         self.hand_sensors = self["success"].shape[2] if "success" in self else None
@@ -72,15 +72,13 @@ class ExperimentData:
 
     def images(self, experiment: Experiment) -> int:
         """Images that an experiment has of one object, or of one grasp: its views, or cameras; 0 without vision."""
-        name = camera_array(experiment)
-        return self[name].shape[1] if name else 0
+        return self[CAMERAS[experiment.vision]].shape[1] if experiment.has_vision else 0
 
     def common_camera(self, experiment: Experiment) -> np.ndarray | None:
         """(3, 4) float32 the camera of all images of an experiment; None if there are several, or no images."""
-        name = camera_array(experiment)
-        if not name:
+        if not experiment.has_vision:
             return None
-        cameras = self[name].reshape(-1, 3, 4)
+        cameras = self[CAMERAS[experiment.vision]].reshape(-1, 3, 4)
         return cameras[0] if (cameras == cameras[0]).all() else None
 
     def image_size(self, experiment: Experiment) -> int | None:
@@ -109,12 +107,14 @@ class ExperimentData:
         chosen = dataset.select(record.name for record in records)
         if not records:
             raise ExperimentDataError(f"{dataset!r}: no object of {' or '.join(splits)}: more objects are needed")
-        columns = zip(*((record.name, record.class_name, record.split) for record in records), strict=True)
-        names = dict(zip(("object", "class", "split"), map(list, columns), strict=True))
-        touched = any(item.stage == "touch" for item in arrays)
-        loaded = {item.name: _read(chosen, item) for item in arrays}
-        one_size = all(record.normalised for record in records)
-        return cls(names | loaded, repr(chosen), dataset.sensor if touched else DIGIT, one_size)
+        loaded: dict[str, Sequence[str] | np.ndarray] = {item.name: _read(chosen, item) for item in arrays}
+        loaded |= {
+            "object": [record.name for record in records],
+            "class": [record.class_name for record in records],
+            "split": [record.split for record in records],
+        }
+        touched, one_size = any(item.stage == "touch" for item in arrays), all(record.normalised for record in records)
+        return cls(loaded, repr(chosen), dataset.sensor if touched else DIGIT, one_size)
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.arrays:

@@ -15,7 +15,6 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from palpate import checksums
 from palpate.charts import build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
 from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord, ObjectRecord
@@ -30,12 +29,14 @@ from palpate.learning.rings import SAMPLES, ring_points
 from palpate.learning.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
 from palpate.learning.samples import Assembler, Sample, windows
 from palpate.learning.surface_quality import surface_quality, topology
-from palpate.learning.touch_charts import channels_first, depth_to_points, predict_depth
+from palpate.learning.touch_charts import channels_first, masked_clouds, predict_depth
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.retrieval import Objects, Retrieval
 from palpate.protocol import CHAMFER_SCALE, RINGS
 from palpate.rebuild_command import rebuild_command
+from palpate.seal import DamagedFile
 from palpate.sensor import DIGIT, Sensor
+from palpate.text_files import read_record
 
 log = logging.getLogger(__name__)
 
@@ -84,8 +85,8 @@ def training_steps(summary: Path | str) -> int:
     summary = Path(summary)
     remedy = f"remove it and train the model again with: {rebuild_command(summary)}"
     try:
-        return int(checksums.read_record(summary, remedy)["steps"])
-    except checksums.DamagedFile as error:
+        return int(read_record(summary)["steps"])
+    except DamagedFile as error:
         raise EvaluationError(str(error)) from None
     except (KeyError, TypeError, ValueError):
         raise EvaluationError(f"{summary} does not say how many steps were trained; {remedy}") from None
@@ -101,7 +102,7 @@ def evaluate(
     EvaluationError, naming the object, for a prediction that is not finite.
     """
     rows, last = [], None
-    surface = topology(trained.experiment.strategy)
+    surface = topology(trained.experiment.plan.start)
     for sample, prediction, seconds in predictions(trained, data, splits):
         name = data.objects[sample.object]
         vertices, faces = trained.model.mesh(prediction)
@@ -272,11 +273,9 @@ def _local_scores(
     device, size = next(model.parameters()).device, model.sensor.size
     depth, valid = predict_depth(model, channels_first(grasp.reading[sensors]).to(device), empty.to(device))
     true = torch.from_numpy(grasp.depth[sensors]).to(device)
-    # A distance does not depend on the frame: clouds are compared in the sensor's, charts in the world.
-    clouds = [cloud[mask] for cloud, mask in zip(depth_to_points(depth, size), valid, strict=True)]
-    truths = [cloud[mask] for cloud, mask in zip(depth_to_points(true, size), torch.isfinite(true), strict=True)]
+    clouds, truths = masked_clouds(depth, valid, size), masked_clouds(true, torch.isfinite(true), size)
     chart = torch.from_numpy(grasp.vertices[sensors]).to(device)
     on_charts = _on_charts(chart, points, draw)
     world = [torch.from_numpy(grasp.points[sensor]).to(device) for sensor in sensors]
-    scores = chamfer_distance(clouds, truths), chamfer_distance(on_charts, world)
-    return tuple((CHAMFER_SCALE * errors).tolist() for errors in scores)
+    of_clouds, of_charts = chamfer_distance(clouds, truths), chamfer_distance(on_charts, world)
+    return (CHAMFER_SCALE * of_clouds).tolist(), (CHAMFER_SCALE * of_charts).tolist()

@@ -1,9 +1,8 @@
-"""The arrays that each experiment takes, and their stages: what workflow inputs and data in memory come from.
+"""The arrays that experiments take, and their stages: what workflow inputs and data in memory come from.
 
 It needs neither torch nor the stores.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from palpate.experiments import Experiment
@@ -38,36 +37,12 @@ _ROWS = (
     ("reading", "touch", "reading", "uint8"),
     ("template", "templates", "vertices", "float32"),
 )
-INPUTS = {name: Input(name, *row) for name, *row in _ROWS}
-
-
-def camera_array(experiment: Experiment) -> str | None:
-    """The name of the cameras, (o, v, 3, 4), of the images that an experiment takes; None if it takes none."""
-    return {"none": None, "views": "camera"}.get(experiment.vision, "image_camera")
-
-
-def _names(experiment: Experiment) -> Iterator[str]:
-    """The names of the arrays that an experiment takes."""
-    yield "points"
-    if experiment.takes_images:
-        yield experiment.vision
-    if experiment.takes_masks:
-        yield "unoccluded_silhouette"
-        yield from ("occluded_silhouette", "hand_silhouette") if experiment.vision == "occluded" else ()
-    if camera := camera_array(experiment):
-        yield camera
-    if experiment.touch:
-        yield from ("success", "position")
-        # Rotations of sensors are not taken where touch is only copied, or in the paper's graph.
-        yield from ["charts"] * experiment.takes_charts
-        yield from ["rotation"] * (experiment.strategy in ("sphere", "pooled", "pooled_no_copy", "template"))
-        yield from ["reading"] * experiment.takes_readings
+INPUTS = {row[0]: Input(*row) for row in _ROWS}
 
 
 def inputs(experiment: Experiment, training: bool = False) -> list[Input]:
     """The arrays that an experiment takes; training: and those that only its training takes."""
-    names = [*_names(experiment), *["template"] * (training and experiment.strategy == "template")]
-    return [INPUTS[name] for name in names]
+    return [INPUTS[name] for name in experiment.plan.arrays(experiment.vision, experiment.touch, training)]
 
 
 def stages(experiment: Experiment, training: bool = False) -> list[str]:

@@ -5,9 +5,10 @@ any difference.
 """
 
 import logging
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar, cast
 
 import torch
 from torch import Tensor, nn
@@ -17,14 +18,19 @@ from palpate.charts.atlas import radius_around
 from palpate.experiments import Experiment
 from palpate.learning import checkpoints
 from palpate.learning.data import ExperimentData, ExperimentDataError
-from palpate.learning.draws import shuffled, spread, training_samples
-from palpate.learning.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss
 from palpate.learning.recipes import ReconstructionSettings, Settings, TouchDepthSettings
-from palpate.learning.samples import Assembler, grasps_per_sample, windows
-from palpate.learning.single_image_losses import LOSSES
-from palpate.learning.touch_charts import touched
-from palpate.learning.touch_readings import Touches
-from palpate.models import TouchDepth
+from palpate.learning.samples import (
+    Assembler,
+    Sample,
+    grasps_per_sample,
+    shuffled,
+    spread,
+    training_samples,
+    windows,
+)
+from palpate.learning.touch_charts import TouchReadings, touch_depth_loss, touched
+from palpate.models import Reconstruction, SingleImageModel, TouchDepth
+from palpate.models.losses import Target, Truth, cloud_loss
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.models.templates import Templates, shrunk
 
@@ -32,6 +38,7 @@ log = logging.getLogger(__name__)
 
 WARM_UP = 0.1  # share of the steps in which the schedule one_cycle rises to the highest rate
 FIRST, LAST = 0.04, 1e-4  # of the highest rate: where it begins and ends
+KEPT_STARTS = 4096  # samples whose starts are kept: 90 MB
 VALIDATION_SEED = 1  # the same points in every validation of every model, so that their losses compare
 
 
@@ -40,19 +47,20 @@ class Diverged(RuntimeError):
     reaches the network."""
 
 
-class Learner(nn.Module):
+class Learner(nn.Module, ABC):
     """A model and how it is trained: `learner(step)` is the loss of a training step.
-
-    Subclasses define `kind` (of their checkpoints), `training_batch(step)` (the samples of a step),
-    `sample_names(batch_samples)` (for messages), `losses(batch_samples, generator, validation=False)` (B,), and
-    `described()` (what a checkpoint states of the model besides its weights).
 
     model: to be trained. settings: of the recipe. seed: of the order of samples and of points. samples: number of
     training samples. validation_samples: those of a validation, in order.
 
     Attributes: steps, number of training steps; validation_interval, steps between validations; rank, processes, of
-    those that each take a share of a batch (there is one for each GPU); step, the one that was begun last.
+    those that each take a share of a batch (there is one for each GPU); step, the one that was begun last; kind, of
+    the checkpoints.
     """
+
+    kind: ClassVar[str]
+    model: nn.Module
+    settings: Settings
 
     def __init__(self, model: nn.Module, settings: Settings, seed: int, samples: int, validation_samples: Sequence):
         super().__init__()
@@ -63,6 +71,22 @@ class Learner(nn.Module):
         self.steps = min(limit for limit in limits if limit)
         self.validation_interval = min(settings.evaluate_every or epoch_steps, self.steps)
         self.rank, self.processes, self.step = 0, 1, -1
+
+    @abstractmethod
+    def training_batch(self, step: int) -> Sequence:
+        """The samples of a training step."""
+
+    @abstractmethod
+    def sample_names(self, batch_samples: Sequence) -> str:
+        """What samples are called in messages."""
+
+    @abstractmethod
+    def losses(self, batch_samples: Sequence, generator: torch.Generator, validation: bool = False) -> Tensor:
+        """The losses (B,) of some samples, at least one. Raises Diverged if a prediction is not finite."""
+
+    @abstractmethod
+    def described(self) -> dict[str, Any]:
+        """What a checkpoint states of the model besides its weights."""
 
     @property
     def device(self) -> torch.device:
@@ -99,25 +123,34 @@ class Learner(nn.Module):
     def forward(self, step: int) -> Tensor:
         """The mean loss of a training step. Raises Diverged if it is not finite."""
         self.step, batch_samples = step, self._share(self.training_batch(step))
-        losses = self.losses(batch_samples, self._generator(self.seed, step))
-        self.check_finite("the loss", losses, batch_samples, f"step {step}")
-        return losses.mean()
+        return self._finite_losses(batch_samples, self.seed, step, f"step {step}").mean()
 
     def validation_losses(self) -> Tensor:
         """The losses (n,) float64 of this process's share of the validation samples, in batches as of a step."""
-        found, size = [], self.settings.batch
-        for number, first in enumerate(range(0, len(self.validation_samples), size)):
-            batch_samples = self._share(self.validation_samples[first : first + size])
-            losses = self.losses(batch_samples, self._generator(VALIDATION_SEED, number), validation=True)
-            self.check_finite("the loss", losses, batch_samples, "the validation")
-            found.append(losses.double())
-        return torch.cat(found)
+        samples, size = self.validation_samples, self.settings.batch
+        parts = [samples[first : first + size] for first in range(0, len(samples), size)]
+        losses = (
+            self._finite_losses(self._share(part), VALIDATION_SEED, number, "the validation", validation=True)
+            for number, part in enumerate(parts)
+        )
+        return torch.cat([part.double() for part in losses])
+
+    def _finite_losses(
+        self, batch_samples: Sequence, seed: int, step: int, where: str, validation: bool = False
+    ) -> Tensor:
+        """The losses (B,) of a process's share of samples, which may have none."""
+        if not len(batch_samples):
+            return torch.empty(0, device=self.device)
+        number = ((seed << 32) + step) * 64 + self.rank
+        losses = self.losses(batch_samples, torch.Generator().manual_seed(number % (1 << 63)), validation)
+        self.check_finite("the loss", losses, batch_samples, where)
+        return losses
 
     def step_name(self) -> str:
         """The step that was begun last, for messages."""
         return f"step {self.step}: {self.sample_names(self._share(self.training_batch(self.step)))}"
 
-    def check_finite(self, what: str, values: Tensor, batch_samples: Any, where: str = "") -> None:
+    def check_finite(self, what: str, values: Tensor, batch_samples: Sequence, where: str = "") -> None:
         """Raises Diverged, naming the first sample of a batch whose values (B, ...) are not finite."""
         is_finite = torch.isfinite(values.detach()).flatten(1).all(dim=1) if values.ndim > 1 else values.isfinite()
         if not is_finite.all():
@@ -128,10 +161,6 @@ class Learner(nn.Module):
     def _share(self, batch_samples: Sequence) -> Sequence:
         return batch_samples[self.rank :: self.processes]
 
-    def _generator(self, seed: int, step: int) -> torch.Generator:
-        number = ((seed << 32) + step) * 64 + self.rank
-        return torch.Generator().manual_seed(number % (1 << 63))
-
 
 class ReconstructionLearner(Learner):
     """Trains reconstruction on the objects of the train split, for one experiment.
@@ -140,6 +169,8 @@ class ReconstructionLearner(Learner):
     """
 
     kind = "reconstruction"
+    model: Reconstruction | SingleImageModel
+    settings: ReconstructionSettings
 
     def __init__(self, data: ExperimentData, experiment: Experiment, settings: ReconstructionSettings, seed: int):
         architecture = settings.architecture
@@ -159,44 +190,66 @@ class ReconstructionLearner(Learner):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             hand_sensors = data.hand_sensors or HAND_SENSORS
-            templates = _templates(data, train) if experiment.strategy == "template" else None
+            templates = _templates(data, train) if experiment.plan.start == "templates" else None
             model = checkpoints.build(experiment, architecture, hand_sensors, data.sensor, templates)
         by_grasp = settings.epoch == "grasps" and experiment.takes_grasps
         super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), validation_samples)
         self.data, self.experiment = data, experiment
         self.template = {number: place for place, number in enumerate(train)}
 
-    def begin(self, rank=0, processes=1):
+    def begin(self, rank: int = 0, processes: int = 1) -> None:
+        """As the base says, with the true points."""
         super().begin(rank, processes)
         self.assemble = Assembler(self.data, self.experiment, self.device)
         self.truth = Truth(torch.from_numpy(self.data["points"]).to(self.device))
+        self.starts: dict[tuple[Sample, ...], Tensor] = {}
 
-    def training_batch(self, step):
+    def training_batch(self, step: int) -> list[Sample]:
+        """Objects with some of their grasps and an image: `training_samples`."""
         settings = self.settings
         return training_samples(self.data, self.experiment, settings.batch, self.seed, step, settings.epoch)
 
-    def sample_names(self, batch_samples):
-        names = self.data.objects
-        return ", ".join(f"{names[each.object]} grasps {list(each.grasps)} view {each.view}" for each in batch_samples)
+    def sample_names(self, batch_samples: Sequence[Sample]) -> str:
+        """Objects, grasps and views."""
+        return ", ".join(
+            f"{self.data.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}"
+            for sample in batch_samples
+        )
 
-    def losses(self, batch_samples, generator, validation=False):
-        if not batch_samples:
-            return torch.empty(0, device=self.device)
-        model, strategy = self.model, self.experiment.strategy
-        batch = self.assemble(batch_samples)
-        if strategy == "template":  # an object is no template of its own
+    def losses(self, batch_samples: Sequence[Sample], generator: torch.Generator, validation: bool = False) -> Tensor:
+        """The network's own loss; in a validation the Chamfer distance of what it predicts."""
+        model, batch = self.model, self.assemble(batch_samples)
+        if self.experiment.plan.start == "templates":  # an object is no template of its own
             batch["excluded"] = torch.tensor([self.template.get(sample.object, -1) for sample in batch_samples])
+            batch["start"] = self._start(batch_samples, batch)
         predictions = [model(batch)] if validation else model.stages(batch)
         for prediction in predictions:
             self.check_finite("the prediction", prediction, batch_samples)
         points = self.settings.validation_points if validation else self.settings.loss_points
-        against = self.truth, [sample.object for sample in batch_samples], points, generator
+        target = Target(self.truth, [sample.object for sample in batch_samples], points, generator)
         with torch.autocast(self.device.type, enabled=False):
             if validation:
-                return cloud_loss(model.sample(predictions[-1].float(), points, generator), *against)
-            return LOSSES.get(strategy, moving_charts_loss)(model, predictions, *against)
+                return cloud_loss(model.sample(predictions[-1].float(), points, generator), target)
+            return model.loss(predictions, target)
 
-    def described(self):
+    def _start(self, batch_samples: Sequence[Sample], batch: Mapping[str, Tensor]) -> Tensor:
+        """The start (1824, B, 3) m of samples and their batch, which has no weights in it: once of the same inputs."""
+        shown = int(self.experiment.vision == "occluded")  # grasps whose images are inputs
+        inputs = tuple(
+            sample._replace(
+                grasps=sample.grasps if sample.touched is None else sample.grasps[: sample.touched or shown]
+            )
+            for sample in batch_samples
+        )
+        if inputs in self.starts:
+            return self.starts[inputs]
+        start = cast(Reconstruction, self.model).start_of(batch)
+        if len(self.starts) * len(inputs) < KEPT_STARTS:
+            self.starts[inputs] = start
+        return start
+
+    def described(self) -> dict[str, Any]:
+        """The experiment, its architecture and data, and what images and touches are taken to be."""
         camera = self.data.common_camera(self.experiment)
         described = {
             "experiment": self.experiment.row(),
@@ -212,7 +265,7 @@ class ReconstructionLearner(Learner):
 
 
 def _templates(data: ExperimentData, objects: Sequence[int]) -> Templates:
-    """The templates of strategy `template`: the fitted charts and the silhouettes of some objects."""
+    """What a strategy with templates begins with: the fitted charts and the silhouettes of some objects."""
     name = "unoccluded_silhouette"
     masks = shrunk(torch.from_numpy(data[name][objects])) if name in data else None
     return Templates(torch.from_numpy(data["template"][objects]), masks)
@@ -222,33 +275,34 @@ class TouchDepthLearner(Learner):
     """Trains the U-Net on the successful touches of the train split: depth from readings."""
 
     kind = "touch_depth"
+    model: TouchDepth
+    settings: TouchDepthSettings
 
-    def __init__(self, train: Touches, validation: Touches, settings: TouchDepthSettings, seed: int):
+    def __init__(self, train: TouchReadings, validation: TouchReadings, settings: TouchDepthSettings, seed: int):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = TouchDepth(settings.width, train.sensor)
         count = min(settings.validation_samples or len(validation), len(validation))
         # Evenly, not the first: touches come object by object.
         chosen = torch.arange(count) * len(validation) // count
-        super().__init__(model, settings, seed, len(train), chosen.numpy())
+        super().__init__(model, settings, seed, len(train), chosen.tolist())
         self.touches = {"train": train, "validation": validation}
 
-    def begin(self, rank=0, processes=1):
+    def begin(self, rank: int = 0, processes: int = 1) -> None:
+        """As the base says, with the touches."""
         super().begin(rank, processes)
-        self.on_device = {
-            name: Touches(*(tensor.to(self.device) for tensor in touches[:3]), touches.sensor)
-            for name, touches in self.touches.items()
-        }
+        self.on_device = {name: touches.to(self.device) for name, touches in self.touches.items()}
 
-    def training_batch(self, step):
-        return shuffled(len(self.touches["train"]), self.settings.batch, self.seed, step)
+    def training_batch(self, step: int) -> list[int]:
+        """Rows of the training touches."""
+        return shuffled(len(self.touches["train"]), self.settings.batch, self.seed, step).tolist()
 
-    def sample_names(self, batch_samples):
-        return "touches " + ", ".join(str(int(row)) for row in batch_samples)
+    def sample_names(self, batch_samples: Sequence[int]) -> str:
+        """Rows of touches."""
+        return "touches " + ", ".join(map(str, batch_samples))
 
-    def losses(self, batch_samples, generator, validation=False):
-        if not len(batch_samples):
-            return torch.empty(0, device=self.device)
+    def losses(self, batch_samples: Sequence[int], generator: torch.Generator, validation: bool = False) -> Tensor:
+        """`touch_depth_loss` (B,)."""
         touches = self.on_device["validation" if validation else "train"]
         rows = torch.as_tensor(batch_samples, device=self.device)
         reading, empty = touches.reading[rows].float() / 255, touches.empty.float() / 255
@@ -258,5 +312,6 @@ class TouchDepthLearner(Learner):
             valid, n = touched(reading, empty), self.settings.loss_points
             return touch_depth_loss(depth.float(), valid, touches.depth[rows], n, generator, touches.sensor.size)
 
-    def described(self):
+    def described(self) -> dict[str, Any]:
+        """The width of its first level, and whose readings it takes."""
         return {"width": self.settings.width, "sensor": self.model.sensor.description()}

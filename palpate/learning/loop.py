@@ -9,17 +9,18 @@ import shutil
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from lightning_fabric import Fabric
 from tqdm import tqdm
 
-from palpate import checksums
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.learning import checkpoints
 from palpate.learning.learners import Diverged, Learner
 from palpate.learning.machine import Machine
+from palpate.text_files import read_text
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +32,7 @@ BEST, LAST = "best.ckpt", "last.ckpt"
 # 99.9994 % of the weights of such a network, 1 to 11 % of others (docs/evidence/trials.md).
 MOST_IDLE = 0.99
 PRECISIONS = ("32-true", "bf16-mixed")
+Row = dict[str, Any]  # of `HISTORY`
 
 
 class Training:
@@ -44,7 +46,7 @@ class Training:
         optimiser, self.schedule = learner.optimiser(fabric.device)
         self.module, self.optimiser = fabric.setup(learner, optimiser)
         learner.begin(fabric.global_rank, fabric.world_size)
-        self.history: list[dict[str, float]] = []
+        self.history: list[Row] = []
 
     @property
     def state(self) -> dict[str, Any]:
@@ -53,7 +55,7 @@ class Training:
         return {**parts, "history": self.history}
 
     @property
-    def best(self) -> dict[str, float]:
+    def best(self) -> Row:
         """The row of the history with the lowest validation loss."""
         return min(self.history, key=lambda row: row["validation_loss"])
 
@@ -66,7 +68,7 @@ class Training:
     def out_of_patience(self) -> bool:
         """Whether the last evaluations, as many as the settings' patience, were no better."""
         patience = self.learner.settings.patience
-        return bool(patience and self.history) and self.history.index(self.best) + patience < len(self.history)
+        return bool(self.history and patience and self.history.index(self.best) + patience < len(self.history))
 
     def resume(self, path: Path) -> None:
         """Go on from a state that was saved."""
@@ -77,7 +79,7 @@ class Training:
     def run(self) -> None:
         """All steps that are left, each evaluation with a row of the history and a checkpoint."""
         learner, began_at, start = self.learner, self.done, time.perf_counter()
-        before, logged = self.history[-1]["seconds"] if self.history else 0.0, start
+        logged, before = start, self.history[-1]["seconds"] if self.history else 0.0
         hidden = not sys.stderr.isatty()
         bar = tqdm(total=learner.steps, initial=began_at, desc=self.label, unit="step", disable=hidden)
         while self.done < learner.steps and not self.out_of_patience:
@@ -117,7 +119,7 @@ class Training:
         self.fabric.backward(loss)
         clip = self.learner.settings.clip or math.inf
         norm = self.fabric.clip_gradients(self.module, self.optimiser, max_norm=clip, error_if_nonfinite=False)
-        if not math.isfinite(norm):  # One such gradient would turn every weight into NaN.
+        if norm is None or not math.isfinite(norm):  # One such gradient would turn every weight into NaN.
             raise Diverged(f"the gradient is NaN or infinite in {self.learner.step_name()}")
         self.optimiser.step()
         self.schedule.step()
@@ -126,7 +128,7 @@ class Training:
     def _idle(self) -> float:
         """The share of the weights whose gradient was 0 in the last step."""
         gradients = [weights.grad for weights in self.learner.model.parameters() if weights.grad is not None]
-        return sum(int((each == 0).sum()) for each in gradients) / sum(each.numel() for each in gradients)
+        return sum(int((values == 0).sum()) for values in gradients) / sum(values.numel() for values in gradients)
 
     @torch.inference_mode()
     def _validation_loss(self) -> float:
@@ -135,8 +137,8 @@ class Training:
         with self.fabric.autocast():
             losses = self.learner.validation_losses()
         total = torch.stack([losses.sum(), losses.new_tensor(float(len(losses)))])
-        total = self.fabric.all_reduce(total, reduce_op="sum")
-        return float(total[0] / total[1])
+        loss, count = cast(torch.Tensor, self.fabric.all_reduce(total, reduce_op="sum"))
+        return float(loss / count)
 
     def _save(self) -> None:
         """Write the state, and the model if it is the best so far."""
@@ -147,6 +149,7 @@ class Training:
             checkpoints.save(self.folder / BEST, self.learner.kind, self.learner.model, stated)
         self.fabric.save(partial, self.state)
         if self.fabric.is_global_zero:
+            seal.write(partial, name=LAST)
             partial.replace(self.folder / LAST)
 
     def _log_progress(self, done: int, rate: float, loss: torch.Tensor) -> None:
@@ -158,14 +161,19 @@ class Training:
 
 
 def train(
-    learner: Learner, folder: Path | str, checkpoint_folder: Path | str, machine: Machine, label: str
+    learner: Learner,
+    folder: Path | str,
+    checkpoint_folder: Path | str,
+    machine: Machine,
+    label: str,
+    made_from: seal.MadeFrom = seal.NOTHING,
 ) -> dict[str, Any]:
     """Train a model, or resume an interrupted training of the same model; the result is the same.
 
     learner: the model with its data and settings. folder: gets `best.ckpt` (see `checkpoints`), `training.json` (which
     is returned), and `history.csv` (step, seconds, train_loss, validation_loss, rate: a row an evaluation, losses in
     the tables' unit). checkpoint_folder: checkpoints of the training in progress; removed at the end. Those of another
-    config or other data are ignored. label: for progress.
+    config or other data are ignored. label: for progress. made_from: what the seals of the three files state.
 
     Raises Diverged, naming the sample and the last good checkpoint, if the prediction, the loss or its gradient becomes
     NaN or infinite, before any weight is changed by it; Diverged too if at an evaluation no gradient reaches the
@@ -177,7 +185,8 @@ def train(
     torch.set_num_threads(machine.threads)
     accelerator = machine.accelerator()
     devices = machine.devices if accelerator == "gpu" else 1
-    fabric = Fabric(accelerator=accelerator, devices=devices, precision=machine.precision)
+    precision = cast(Any, machine.precision)  # a text among those above; Fabric's type lists all as literals
+    fabric = Fabric(accelerator=accelerator, devices=devices, precision=precision)
     identity = _identity(learner, machine)
     if fabric.local_rank == 0:  # the first process starts the others
         _prepare(checkpoints_folder, identity)
@@ -201,7 +210,7 @@ def train(
         torch.set_flush_denormal(False)
     summary = {**_summary(training, machine, accelerator), "identity": identity}
     if fabric.is_global_zero:
-        _write(folder, checkpoints_folder, training.history, summary)
+        _write(folder, checkpoints_folder, training.history, summary, made_from)
     return summary
 
 
@@ -217,8 +226,7 @@ def _prepare(checkpoints_folder: Path, identity: str) -> None:
     Raises CheckpointError or DamagedFile if it is damaged: training anew is the user's choice.
     """
     marker, last = checkpoints_folder / "identity", checkpoints_folder / LAST
-    remedy = f"remove {checkpoints_folder} to train from the start"
-    if last.exists() and marker.exists() and checksums.read_text(marker, remedy).strip() == identity:
+    if last.exists() and marker.exists() and read_text(marker).strip() == identity:
         checkpoints.require_intact(last)
         return
     if checkpoints_folder.exists():
@@ -226,7 +234,7 @@ def _prepare(checkpoints_folder: Path, identity: str) -> None:
         log.info("%s %s: begins anew", checkpoints_folder, reason)
         shutil.rmtree(checkpoints_folder)
     checkpoints_folder.mkdir(parents=True)
-    with atomic_write(marker, checksum=True) as partial:
+    with atomic_write(marker, seal.NOTHING) as partial:
         partial.write_text(identity + "\n")
 
 
@@ -245,15 +253,21 @@ def _summary(training: Training, machine: Machine, accelerator: str) -> dict[str
     }
 
 
-def _write(folder: Path, checkpoints_folder: Path, history: list[dict[str, float]], summary: dict[str, Any]) -> None:
+def _write(
+    folder: Path,
+    checkpoints_folder: Path,
+    history: list[Row],
+    summary: dict[str, Any],
+    made_from: seal.MadeFrom,
+) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic_write(folder / "history.csv", checksum=True) as partial, open(partial, "w", newline="") as file:
+    with atomic_write(folder / "history.csv", made_from) as partial, open(partial, "w", newline="") as file:
         writer = csv.DictWriter(file, HISTORY)
         writer.writeheader()
         writer.writerows(history)
-    with atomic_write(folder / "training.json", checksum=True) as partial:
+    with atomic_write(folder / "training.json", made_from) as partial:
         partial.write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n")
     checkpoints.require_intact(checkpoints_folder / BEST)
-    with atomic_write(folder / BEST, checksum=True) as partial:
+    with atomic_write(folder / BEST, made_from) as partial:
         shutil.copyfile(checkpoints_folder / BEST, partial)
     shutil.rmtree(checkpoints_folder)

@@ -8,8 +8,9 @@ from typing import Any
 import yaml
 
 from palpate.architectures import Architecture, paper_architecture
-from palpate.configuration import ConfigError, check, merge, plain
+from palpate.configuration import ConfigError, check, merge, not_among, plain
 from palpate.experiments import Experiment
+from palpate.strategies import STRATEGIES
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class ReconstructionSettings(Settings):
     validation_points: sampled on its predictions. epoch: each of the `objects` once, or each of the `grasps`.
     """
 
+    loss_points: int
     validation_points: int
     epoch: str
     architecture: Architecture
@@ -83,6 +85,8 @@ class Recipe:
             raise ConfigError(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
         recipe = merge(known[name], override)
         check({name: recipe}, schema, f"recipe {name} with config training.override")
+        if unknown := [key for key in recipe["strategies"] if key not in STRATEGIES]:
+            raise ConfigError(f"recipe {name} with config training.override: {not_among(unknown[0], STRATEGIES)}")
         sections = {"touch_depth": recipe["touch_depth"], "reconstruction": recipe["reconstruction"]}
         for section in ("modalities", "strategies"):
             for key, over in recipe[section].items():

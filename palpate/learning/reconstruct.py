@@ -6,11 +6,12 @@ palpate reconstruct results/default template_occluded_any bottle-0011 --output x
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from palpate.configuration import nearest
+from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.experiments import Experiment
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import Sensor
@@ -43,6 +44,10 @@ class GraspTouches(NamedTuple):
     success: np.ndarray
 
 
+Grasp = GraspTouches | GraspRecord
+Grasps = Grasp | Sequence[Grasp] | None
+
+
 class Silhouette(NamedTuple):
     """Where the object is seen in an image, for models that begin with a training object.
 
@@ -52,6 +57,15 @@ class Silhouette(NamedTuple):
     mask: np.ndarray
     hand: np.ndarray | None = None
     view: int = 0
+
+
+class Inputs(NamedTuple):
+    """What a `Reconstructor` is called with; `reconstruct` says what each is."""
+
+    image: np.ndarray | None = None
+    touches: Grasps = None
+    camera: np.ndarray | None = None
+    silhouette: Silhouette | None = None
 
 
 class Shape(NamedTuple):
@@ -80,7 +94,7 @@ class ReconstructionError(ValueError):
 
 def reconstruct(
     image: np.ndarray | None = None,
-    touches=None,
+    touches: Grasps = None,
     *,
     model: Path | str,
     camera: np.ndarray | None = None,
@@ -124,7 +138,7 @@ class Reconstructor:
         self._model = checkpoints.load(self.path).to(device)
         self.experiment: Experiment = checkpoints.experiment_of(content)
         self._camera, self._image_size = content.get("camera"), content.get("image_size")
-        self._charts = None
+        self._charts: TouchCharts | None = None
         if self.experiment.takes_charts:
             touch_depth = self.path.parents[2] / TOUCH_DEPTH
             if not (touch_depth / CHECKPOINT).is_file():
@@ -150,7 +164,7 @@ class Reconstructor:
     def __call__(
         self,
         image: np.ndarray | None = None,
-        touches=None,
+        touches: Grasps = None,
         camera: np.ndarray | None = None,
         silhouette: Silhouette | None = None,
     ) -> Shape:
@@ -167,12 +181,10 @@ class Reconstructor:
             inputs |= self._silhouette_inputs(silhouette, inputs["image"])
         if self.experiment.touch:
             sensors = self._all_touches(touches)
-            inputs |= {name: getattr(sensors, name).astype(np.float32) for name in ("position", "rotation")}
+            poses = {"position": sensors.position, "rotation": sensors.rotation}
+            inputs |= {name: values.astype(np.float32) for name, values in poses.items()}
             inputs["success"] = success = sensors.success
-            if self.experiment.takes_charts:
-                inputs["charts"] = self._charts(sensors)
-            else:
-                inputs["reading"] = sensors.reading
+            inputs |= {"charts": self._charts(sensors)} if self._charts else {"reading": sensors.reading}
         device = next(self._model.parameters()).device
         batch = {name: torch.from_numpy(array)[None].to(device) for name, array in inputs.items()}
         # As a training's, also in memory: convolutions round otherwise in another layout.
@@ -183,11 +195,11 @@ class Reconstructor:
             raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
         return self._shape(vertices, faces, success)
 
-    def predict(self, record, grasps: Sequence[int] | None = None, view: int = 0) -> Shape:
+    def predict(self, record: ObjectRecord, grasps: Sequence[int] | None = None, view: int = 0) -> Shape:
         """The prediction for an object of the dataset, from what the model takes of it; arguments of `of_object`."""
         return self(*of_object(record, self.experiment, grasps, view))
 
-    def predictions(self, record, grasps: Sequence[int] | None = None) -> dict[int, "trimesh.Trimesh"]:
+    def predictions(self, record: ObjectRecord, grasps: Sequence[int] | None = None) -> dict[int, "trimesh.Trimesh"]:
         """Meshes of an object record by the number of the grasp: from each of some grasps, or of all.
 
         A model that takes several grasps only, or none, makes one mesh of the first ones, which stands for each.
@@ -211,16 +223,16 @@ class Reconstructor:
         if image.dtype != np.uint8:
             _check_finite("the image", image)
             raise ReconstructionError(f"the image is of type {image.dtype}, expected uint8 (sRGB, 0 to 255)")
-        camera = self._camera if camera is None else camera
-        if np.shape(camera) != (3, 4):  # () of None
+        projection = np.asarray(self._camera if camera is None else camera)
+        if projection.shape != (3, 4):  # () of None
             raise ReconstructionError(
                 f"{self.name} was trained on several cameras: give the image's camera (3, 4), from "
-                f"homogeneous world coordinates to pixels (found an array of shape {np.shape(camera)})"
+                f"homogeneous world coordinates to pixels (found an array of shape {projection.shape})"
             )
-        _check_finite("the camera", np.asarray(camera))
-        if not np.linalg.cond(np.asarray(camera, dtype=float)[:, :3]) < FLAT:
+        _check_finite("the camera", projection)
+        if not np.linalg.cond(projection.astype(float)[:, :3]) < FLAT:
             raise ReconstructionError("invalid camera: its projection (3, 4) maps the scene to a line or a point")
-        return {"image": image, "camera": np.asarray(camera, dtype=np.float32)}
+        return {"image": image, "camera": projection.astype(np.float32)}
 
     def _silhouette_inputs(self, silhouette: Silhouette | None, image: np.ndarray) -> dict[str, np.ndarray]:
         """The silhouette as the model takes it."""
@@ -229,36 +241,38 @@ class Reconstructor:
                 f"{self.name} also takes the object's silhouette in the image: give one; of an object of a dataset, "
                 "Reconstructor.predict gives it"
             )
-        pixels, number = {"mask": silhouette.mask, "hand": silhouette.hand}, np.asarray(silhouette.view)
-        found = {key: np.asarray(values, dtype=bool) for key, values in pixels.items() if values is not None}
-        if wrong := [key for key, values in found.items() if values.shape != image.shape[:2]]:
-            raise ReconstructionError(
-                f"the silhouette's {wrong[0]} has shape {found[wrong[0]].shape}, expected the image's {image.shape[:2]}"
-            )
-        return found | {"camera_number": number}
+        pixels = {"mask": silhouette.mask, "hand": silhouette.hand}
+        seen = {key: np.asarray(values, dtype=bool) for key, values in pixels.items() if values is not None}
+        for key, values in seen.items():
+            if values.shape != image.shape[:2]:
+                raise ReconstructionError(
+                    f"the silhouette's {key} has shape {values.shape}, expected the image's {image.shape[:2]}"
+                )
+        return seen | {"camera_number": np.asarray(silhouette.view)}
 
-    def _all_touches(self, touches) -> GraspTouches:
+    def _all_touches(self, touches: Grasps) -> GraspTouches:
         """All sensors of all grasps in one, checked."""
-        grasps = [] if touches is None else [touches] if hasattr(touches, "reading") else list(touches)
+        given: Any = () if touches is None else touches  # also of a class of the caller's, with the same attributes
+        grasps, model = [given] if hasattr(given, "reading") else list(given), self._model
         if len(grasps) not in self.grasps:
             fewest = f"{self.grasps[0]} to " * (len(self.grasps) > 1)
             raise ReconstructionError(
                 f"{self.name} takes {fewest}{_counted(self.grasps[-1])}, but touches of {len(grasps)} were given"
             )
         for grasp in grasps:  # records of a dataset say what they are of; `GraspTouches` do not
-            if differs := self._model.sensor.geometry_difference(getattr(grasp, "sensor", self._model.sensor)):
+            kind = getattr(grasp, "sensor", model.sensor)
+            if differs := model.sensor.geometry_difference(kind):
                 raise ReconstructionError(
-                    f"{self.name} was trained with sensor {self._model.sensor.name!r}, but the touches are of "
-                    f"{grasp.sensor.name!r}: {differs}; take a model of their run"
+                    f"{self.name} was trained with sensor {model.sensor.name!r}, but the touches are of "
+                    f"{kind.name!r}: {differs}; take a model of their run"
                 )
-        fields = GraspTouches._fields
-        count = self._model.hand_sensors * len(grasps)
         if not grasps:
-            readings = np.zeros((0, *self._model.sensor.resolution, 3), dtype=np.uint8)
+            readings = np.zeros((0, *model.sensor.resolution, 3), dtype=np.uint8)
             return GraspTouches(readings, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-        sensors = GraspTouches(*(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in fields))
-        shapes = (count, *self._model.sensor.resolution, 3), (count, 3), (count, 3, 3), (count,)
-        for name, values, shape in zip(fields, sensors, shapes, strict=True):
+        sensors = GraspTouches(*map(np.concatenate, zip(*map(_touches_of, grasps), strict=True)))
+        count = (model.hand_sensors or 0) * len(grasps)
+        shapes = (count, *model.sensor.resolution, 3), (count, 3), (count, 3, 3), (count,)
+        for name, values, shape in zip(sensors._fields, sensors, shapes, strict=True):
             if values.shape != shape:
                 raise ReconstructionError(
                     f"touches: {name} of {_counted(len(grasps))} has shape {values.shape}, expected {shape}"
@@ -277,14 +291,17 @@ class Reconstructor:
         return sensors._replace(success=sensors.success.astype(bool))
 
     def _shape(self, vertices: np.ndarray, faces: np.ndarray, success: np.ndarray) -> Shape:
-        if not (self.experiment.takes_charts and self._model.shows_touch):  # no touch charts in the mesh
-            return Shape(vertices, faces, np.zeros(len(faces), dtype=bool))
+        """The mesh, with its faces of successful touches; `success` (T,) of the touches that the model was given."""
         from palpate.charts import touch_chart
 
+        touch = np.zeros(len(faces), dtype=bool)
+        if not (self.experiment.takes_charts and self._model.shows_touch):  # no touch charts in the mesh
+            return Shape(vertices, faces, touch)
         touched_faces = np.repeat(success, len(touch_chart().faces))
-        touch = np.concatenate([np.zeros(len(faces) - len(touched_faces), dtype=bool), touched_faces])
+        others = len(faces) - len(touched_faces)
+        touch[others:] = touched_faces
         if self._model.copies_touch:  # charts without success are points
-            shown = np.concatenate([np.ones(len(faces) - len(touched_faces), dtype=bool), touched_faces])
+            shown = touch | (np.arange(len(faces)) < others)
             faces, touch = faces[shown], touch[shown]
         return Shape(vertices, faces, touch)
 
@@ -302,33 +319,31 @@ class TouchCharts:
         self.model = load_touch_depth(self.path).to(device)
         self.empty_reading = _empty_reading(self.path.parents[2], self.model.sensor)
 
-    def __call__(self, touches: GraspTouches) -> np.ndarray:
+    def __call__(self, touches: Grasp) -> np.ndarray:
         """Charts of k sensors; those of sensors that touch nothing are all at the sensor's position."""
         from palpate.learning.touch_charts import touch_charts
 
+        reading, position, rotation, success = map(np.asarray, _touches_of(touches))
         try:
-            fields = (np.asarray(getattr(touches, name)) for name in GraspTouches._fields)
-            reading, position, rotation, success = fields
-            poses = success.astype(bool), position, rotation
-            return touch_charts(self.model, reading, self.empty_reading, *poses)
+            return touch_charts(self.model, reading, self.empty_reading, success.astype(bool), position, rotation)
         except ValueError as error:  # of the fit: NaN in the predicted cloud
             raise ReconstructionError(f"no touch charts from what {self.path} predicts: {error}") from error
 
-    def clouds(self, touches: GraspTouches) -> list[np.ndarray]:
+    def clouds(self, touches: Grasp) -> list[np.ndarray]:
         """Predicted local clouds (n, 3) of the successful sensors, world frame; charts are fitted to them."""
         import torch
 
-        from palpate.learning.touch_charts import channels_first, depth_to_points, predict_depth
+        from palpate.learning.touch_charts import channels_first, masked_clouds, predict_depth
 
-        success = np.asarray(touches.success, dtype=bool)
+        touched = np.asarray(touches.success, dtype=bool)
         device = next(self.model.parameters()).device
-        reading, empty = (channels_first(x).to(device) for x in (touches.reading[success], self.empty_reading))
-        depth, valid = predict_depth(self.model, reading, empty)
-        local = depth_to_points(depth, self.model.sensor.size).cpu(), valid.cpu()
-        poses = torch.from_numpy(touches.rotation[success]), torch.from_numpy(touches.position[success])
+        images = touches.reading[touched], self.empty_reading
+        depth, valid = predict_depth(self.model, *(channels_first(image).to(device) for image in images))
+        clouds = masked_clouds(depth.cpu(), valid.cpu(), self.model.sensor.size)
+        poses = torch.from_numpy(touches.rotation[touched]), torch.from_numpy(touches.position[touched])
         return [
-            (points[mask].double() @ rotation.T + position).numpy()
-            for points, mask, rotation, position in zip(*local, *poses, strict=True)
+            (cloud.double() @ rotation.T + position).numpy()
+            for cloud, rotation, position in zip(clouds, *poses, strict=True)
         ]
 
 
@@ -347,14 +362,14 @@ def checkpoint(model: Path | str) -> Path:
     Raises ReconstructionError, naming the models that its run has, if it is not there.
     """
     path = Path(model)
-    found = path if path.suffix == ".ckpt" else path / CHECKPOINT
-    if found.is_file():
-        return found
-    known = trained(next((folder for folder in found.parents if folder.name == "models"), path))
+    file = path if path.suffix == ".ckpt" else path / CHECKPOINT
+    if file.is_file():
+        return file
+    known = trained(next((folder for folder in file.parents if folder.name == "models"), path))
     raise ReconstructionError(
-        f"{found} does not exist; trained are: {', '.join(known)}"
+        f"{file} does not exist; trained are: {', '.join(known)}"
         if known
-        else f"{found} does not exist, and nothing is trained there; train it with: {rebuild_command(found)}"
+        else f"{file} does not exist, and nothing is trained there; train it with: {rebuild_command(file)}"
     )
 
 
@@ -398,7 +413,9 @@ def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
     return checkpoint(models / experiment / f"seed-{min(seeds) if seed is None else seed}")
 
 
-def of_object(record, experiment: Experiment, grasps: Sequence[int] | None = None, view: int = 0):
+def of_object(
+    record: ObjectRecord, experiment: Experiment, grasps: Sequence[int] | None = None, view: int = 0
+) -> Inputs:
     """The inputs of a model from an object of the dataset: image or None, grasp records, camera and silhouette of the
     image or None.
 
@@ -418,21 +435,25 @@ def of_object(record, experiment: Experiment, grasps: Sequence[int] | None = Non
         images = record.image
         if not 0 <= view < len(images):
             raise ReconstructionError(f"{record.name} has no view {view}: it has {len(images)}, numbered from 0")
-        return images[view], touches, record.camera[view], None
+        return Inputs(images[view], touches, record.camera[view])
     if not experiment.has_vision:
-        return None, touches, None, None
+        return Inputs(touches=touches)
     try:
         seen = (record if experiment.vision == "unoccluded" else available[numbers[0]]).seen_by(view)
     except IndexError as error:
         raise ReconstructionError(str(error)) from None
-    image = seen.unoccluded if experiment.vision == "unoccluded" else seen.occluded
-    silhouette = None
+    image, silhouette = seen.unoccluded if experiment.vision == "unoccluded" else seen.occluded, None
     if experiment.takes_masks and experiment.vision == "unoccluded":
         silhouette = Silhouette(seen.unoccluded_mask > 0, view=view)
     elif experiment.takes_masks:
         mask = seen.occluded_mask > 0
         silhouette = Silhouette(mask, np.isfinite(seen.occluded_depth) & ~mask, view)
-    return image, touches, seen.vision_camera.matrix(), silhouette
+    return Inputs(image, touches, seen.vision_camera.matrix(), silhouette)
+
+
+def _touches_of(grasp: Grasp) -> GraspTouches:
+    """What a model needs of a grasp, in the order of `GraspTouches`."""
+    return GraspTouches(grasp.reading, grasp.position, grasp.rotation, grasp.success)
 
 
 def _counted(grasps: int) -> str:

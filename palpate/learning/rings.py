@@ -7,10 +7,10 @@ of the published evaluation (`calc_local_chamfer`).
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,7 +20,7 @@ from palpate.protocol import RINGS
 from palpate.sensor import DIGIT, Sensor, Size
 
 if TYPE_CHECKING:
-    import trimesh
+    from palpate.mesh import Mesh
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ def reach(sensor: Sensor) -> float:
 class MeshSurface:
     """A mesh that rings are projected onto, by ray casting."""
 
-    def __init__(self, mesh: "trimesh.Trimesh", object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
+    def __init__(self, mesh: "Mesh", object_position: Sequence[float] = (0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
         """mesh: in its own frame, metres; object_position: (3,) of that frame's origin in the world; sensor: that the
         rings are around.
 
@@ -120,9 +120,8 @@ def ring_points(
     """The surface points of each ring, from what `project` gave: five arrays (n, 3), world frame, metres."""
     points = plane(sensor.size).copy()
     points[:, 0] = depth.ravel()
-    found = np.isfinite(depth.ravel())
-    rings = RING.ravel()
-    return [points[found & (rings == ring)] @ np.asarray(rotation).T + position for ring in RINGS]
+    met, rings = np.isfinite(depth.ravel()), RING.ravel()
+    return [points[met & (rings == ring)] @ np.asarray(rotation).T + position for ring in RINGS]
 
 
 def project_batch(
@@ -133,7 +132,7 @@ def project_batch(
     touch: the batch's touch store; surface: from an object's name and the sensor to what its rings are projected onto.
     """
     touches = store.read(touch, "object", "success", "position", "rotation")
-    kind = Sensor.from_description(store.open(touch).attributes["sensor"])
+    kind = Sensor.from_description(cast(Mapping[str, Any], store.open(touch).attributes["sensor"]))
     names, success = touches["object"], touches["success"]
     depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
     for place, name in enumerate(names):

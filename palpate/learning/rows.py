@@ -1,13 +1,18 @@
 """The files of evaluations: their columns, and reading them back."""
 
+from __future__ import annotations
+
 import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
-
-from palpate import checksums
 from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.seal import DamagedFile
+from palpate.text_files import read_text
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 # A row a sample: one object with one window of its grasps, or one image of it.
 _SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
@@ -26,30 +31,34 @@ class EvaluationError(ValueError):
     """An evaluation is missing or not what it must be; the message names the file or the experiment."""
 
 
-def read_table(path: Path, columns: Sequence[str], remedy: str) -> pd.DataFrame:
+def read_table(path: Path, columns: Sequence[str]) -> DataFrame:
     """The columns of one file; objects and classes stay text. Raises EvaluationError if it is damaged or lacks one."""
+    import pandas as pd
+
     try:
-        frame = pd.read_csv(io.StringIO(checksums.read_text(path, remedy)), dtype={"object": str, "class": str})
-    except checksums.DamagedFile as error:
+        frame = pd.read_csv(io.StringIO(read_text(path)), dtype={"object": str, "class": str})
+    except DamagedFile as error:
         raise EvaluationError(str(error)) from None
     except ValueError as error:  # pandas' ParserError
-        raise EvaluationError(f"{path} is not a valid CSV file ({error}); {remedy}") from None
+        raise EvaluationError(f"{path} is not a valid CSV file ({error}); {rebuild_advice(path)}") from None
     if missing := [name for name in columns if name not in frame.columns]:
-        raise EvaluationError(f"{path} has no columns {missing}; {remedy}")
+        raise EvaluationError(f"{path} has no columns {missing}; {rebuild_advice(path)}")
     return frame[list(columns)]
 
 
-def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
+def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> DataFrame:
     """The rows of evaluation files, one after the other.
 
     Raises EvaluationError naming the first file that does not exist, lacks a column, is damaged, or holds an error
     that is not a number.
     """
+    import pandas as pd
+
     frames = []
     for path in map(Path, paths):
         if not path.exists():
             raise EvaluationError(f"{path} does not exist; build it with: {rebuild_command(path)}")
-        frames.append(read_table(path, columns, rebuild_advice(path)))
+        frames.append(read_table(path, columns))
     if not frames:
         raise EvaluationError("no evaluations were given")
     return pd.concat(frames, ignore_index=True)

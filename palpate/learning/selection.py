@@ -52,11 +52,11 @@ def farthest(sites: np.ndarray) -> Scores:
 
 def most_uncertain(sites: np.ndarray, correction: Correction) -> Scores:
     """Scores of grasps by their sites (g, s, 3), m: the correction's mean variance there, given those of the chosen."""
-    every = torch.from_numpy(sites).double()
+    places = torch.from_numpy(sites).double()
 
     def scores(chosen: Chosen) -> np.ndarray:
-        known = every[list(chosen)].reshape(-1, 3)
-        variance = Kriging(known, torch.zeros(len(known), 1), correction).variance(every.reshape(-1, 3))
+        known = places[list(chosen)].reshape(-1, 3)
+        variance = Kriging(known, torch.zeros(len(known), 1), correction).variance(places.reshape(-1, 3))
         return variance.reshape(len(sites), -1).mean(dim=1).numpy()
 
     return scores
@@ -67,9 +67,9 @@ def least_error(errors: Callable[[Sequence[Chosen]], Sequence[float]], grasps: i
 
     def scores(chosen: Chosen) -> np.ndarray:
         left = [grasp for grasp in range(grasps) if grasp not in chosen]
-        found = np.full(grasps, -np.inf)
-        found[left] = -np.asarray(errors([(*chosen, grasp) for grasp in left]))
-        return found
+        better = np.full(grasps, -np.inf)
+        better[left] = -np.asarray(errors([(*chosen, grasp) for grasp in left]))
+        return better
 
     return scores
 
@@ -90,7 +90,7 @@ def evaluate_selection(
         order = generator(trained.seed, data.objects[number], "selection").permutation(data.grasps)
         sites = data["charts"][number].mean(axis=2)[order]
         errors = _Errors(trained, data, assemble, number, order, points)
-        strategies = {"random": lambda chosen: -np.arange(data.grasps), "farthest": farthest(sites)}
+        strategies: dict[str, Scores] = {"random": lambda chosen: -np.arange(data.grasps), "farthest": farthest(sites)}
         if experiment.correction:
             strategies["uncertainty"] = most_uncertain(sites, experiment.correction)
         for strategy, scores in (strategies | {"oracle": least_error(errors, data.grasps)}).items():
@@ -103,9 +103,12 @@ def evaluate_selection(
 class _Errors:
     """Chamfer distances (m^2 x 9000) of an object's predictions from choices of as many grasps, each measured once."""
 
-    def __init__(self, trained, data: ExperimentData, assemble: Assembler, number: int, order, points: int):
+    def __init__(
+        self, trained: Trained, data: ExperimentData, assemble: Assembler, number: int, order: np.ndarray, points: int
+    ):
         self.trained, self.data, self.assemble, self.number = trained, data, assemble, number
-        self.order, self.points, self.known = order, points, {}
+        self.order, self.points = order, points
+        self.known: dict[Chosen, float] = {}
         self.cloud = torch.from_numpy(data["points"][number]).to(trained.device)
         self.tree = build_tree(self.cloud)
 
@@ -113,11 +116,11 @@ class _Errors:
         # The order of choice changes nothing but the random points on a prediction.
         ordered = list if self.trained.experiment.vision == "occluded" else sorted
         grasps = [tuple(ordered(self.order[list(choice)].tolist())) for choice in choices]
-        new = list(dict.fromkeys(each for each in grasps if each not in self.known))
-        for some in (new[start : start + BATCH_SIZE] for start in range(0, len(new), BATCH_SIZE)):
-            samples = [Sample(self.number, each) for each in some]
-            for each, predicted in zip(some, predict(self.trained, self.assemble, samples, self.data), strict=True):
-                mesh = self.trained.model.mesh(predicted)
-                on_it = points_on(*mesh, self.points, self.data.objects[self.number])
-                self.known[each] = score(on_it, self.cloud, self.tree).chamfer
-        return [self.known[each] for each in grasps]
+        new = list(dict.fromkeys(choice for choice in grasps if choice not in self.known))
+        for part in (new[start : start + BATCH_SIZE] for start in range(0, len(new), BATCH_SIZE)):
+            samples = [Sample(self.number, choice) for choice in part]
+            for choice, predicted in zip(part, predict(self.trained, self.assemble, samples, self.data), strict=True):
+                vertices, faces = self.trained.model.mesh(predicted)
+                sampled = points_on(vertices, faces, self.points, self.data.objects[self.number])
+                self.known[choice] = score(sampled, self.cloud, self.tree).chamfer
+        return [self.known[choice] for choice in grasps]

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.charts import plane_normals, sphere, vision_atlas
-from palpate.models.reconstruction import STRATEGIES
+from palpate.strategies import Start
 
 FOLDED = 90.0  # degrees
 # Faces that are compared with the true surface: every fourth of the charts', and about as many of a finer mesh. Such an
@@ -45,11 +45,11 @@ class Topology(NamedTuple):
 
 
 @cache
-def topology(strategy: str) -> Topology | None:
-    """Of the vision charts, or of the closed sphere for strategy `sphere`; None for a strategy that deforms neither."""
-    if strategy not in STRATEGIES:
+def topology(start: Start | None) -> Topology | None:
+    """Of the vision charts, or of the closed sphere, by what a strategy deforms; None if it deforms neither."""
+    if start is None:
         return None
-    if strategy == "sphere":
+    if start == "sphere":
         return topology_of(sphere()[1].numpy())
     atlas = vision_atlas()
     return topology_of(atlas.faces.numpy(), atlas.joined.numpy())

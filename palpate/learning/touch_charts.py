@@ -1,20 +1,70 @@
-"""Touch charts from readings, by the U-Net: predicted depths, and charts that are fitted to them."""
+"""Touch charts from readings, by the U-Net: what it is trained on, its loss, its depths, and charts fitted to them."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from palpate.charts import fit_direct
+from palpate.charts import fit_direct, one_sided_distance
 from palpate.charts.atlas import TOUCH_VERTICES
+from palpate.dataset import Dataset
+from palpate.learning.data import ExperimentDataError
 from palpate.models import TouchDepth
-from palpate.sensor import DIGIT, Size, pixel_centres
+from palpate.models.losses import subsample
+from palpate.protocol import CHAMFER_SCALE
+from palpate.sensor import DIGIT, Sensor, Size, pixel_centres
 
+READ_BATCH = 16  # objects whose untouched readings are in memory at a time
 PREDICTION_BATCH = 16  # readings: the U-Net's memory grows with their number
 # Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts
 # as touched (supplement, "Optimization Details" of local touch charts).
 TOUCHED = 0.001
+
+
+class TouchReadings(NamedTuple):
+    """k successful touches of one split.
+
+    reading: (k, 3, r, c) uint8. depth: (k, r, c) float32 metres, +inf where nothing is in range. empty: (3, r, c)
+    uint8, the reading of an untouched sensor. sensor: the kind that they are of.
+    """
+
+    reading: Tensor
+    depth: Tensor
+    empty: Tensor
+    sensor: Sensor = DIGIT
+
+    def __len__(self) -> int:
+        return len(self.reading)
+
+    def to(self, device: torch.device) -> "TouchReadings":
+        """The same on a device."""
+        return TouchReadings(self.reading.to(device), self.depth.to(device), self.empty.to(device), self.sensor)
+
+
+def read_touches(dataset: Dataset, *splits: str) -> TouchReadings:
+    """The successful touches of some splits whose reading differs from the empty one anywhere.
+
+    dataset: a run's, of the stage `touch`. Raises ExperimentDataError if there are none, StoreError for a store that
+    can't be read or values that can't be.
+    """
+    chosen = dataset.select(record.name for record in dataset if record.split in splits)
+    readings, depths = [], []
+    for first in range(0, len(chosen), READ_BATCH):
+        batch = chosen[first : first + READ_BATCH]
+        success = batch.load("touch", "success")
+        readings.append(batch.load("touch", "reading")[success])
+        depths.append(batch.load("touch", "depth")[success])
+    if not sum(map(len, readings)):
+        raise ExperimentDataError(
+            f"{dataset!r}: no object of {' or '.join(splits)} was touched: more objects are needed"
+        )
+    reading, depth = channels_first(np.concatenate(readings)), torch.from_numpy(np.concatenate(depths))
+    empty = channels_first(chosen.empty_reading)
+    untouched = empty.float() / 255
+    shown = torch.cat([touched(part.float() / 255, untouched).any(dim=(1, 2)) for part in reading.split(256)])
+    return TouchReadings(reading[shown], depth[shown], empty, chosen.sensor)
 
 
 def touched(reading: Tensor, empty: Tensor) -> Tensor:
@@ -28,6 +78,37 @@ def depth_to_points(depth: Tensor, size: Size = DIGIT.size) -> Tensor:
     centres = [torch.from_numpy(line).to(depth) for line in map(pixel_centres, depth.shape[-2:], size)]
     z, y = torch.meshgrid(*centres, indexing="ij")
     return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)
+
+
+def masked_clouds(depth: Tensor, mask: Tensor, size: Size) -> list[Tensor]:
+    """The points (n_i, 3) of each depth map (k, r, c) where its mask (k, r, c) is true, as `depth_to_points` has them.
+
+    A distance between clouds does not depend on the frame: they are compared in the sensor's.
+    """
+    return [cloud[pixels] for cloud, pixels in zip(depth_to_points(depth, size), mask, strict=True)]
+
+
+def touch_depth_loss(
+    predicted: Tensor, valid: Tensor, depth: Tensor, n: int | None, generator: torch.Generator, size: Size = DIGIT.size
+) -> Tensor:
+    """Chamfer distance (B,) between the predicted and the true local cloud of each touch (paper, section 3.2).
+
+    predicted: (B, r, c) metres from the sensor plane. valid: (B, r, c) bool, the pixels whose prediction counts. depth:
+    (B, r, c) true depth, +inf where nothing is in range. n: points of either cloud that look for the nearest of all in
+    the other; None: all. size: of the sensors.
+
+    Raises ValueError if a touch has no valid pixel or nothing in range.
+    """
+    in_range = torch.isfinite(depth)
+    for what, pixels in (("valid pixel", valid), ("pixel in range", in_range)):
+        without = ~pixels.flatten(1).any(dim=1)
+        if without.any():
+            raise ValueError(f"touch {int(without.nonzero()[0])} of the batch has no {what}: leave it out")
+    clouds = masked_clouds(predicted.to(depth.dtype), valid, size)
+    truths = masked_clouds(depth, in_range, size)
+    there = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], truths)
+    back = one_sided_distance([subsample(truth, n, generator) for truth in truths], clouds)
+    return CHAMFER_SCALE * (there + back)
 
 
 def channels_first(images: np.ndarray) -> Tensor:
@@ -58,8 +139,8 @@ def touch_charts(
         depth, valid = predict_depth(
             model, channels_first(reading[chosen]).to(device), channels_first(empty).to(device)
         )
-        pose = [torch.from_numpy(array[chosen]).float() for array in (position, rotation)]
-        charts[chosen] = fit_direct(depth.cpu(), valid.cpu(), *pose, model.sensor.size).numpy()
+        at, turned = (torch.from_numpy(array[chosen]).float() for array in (position, rotation))
+        charts[chosen] = fit_direct(depth.cpu(), valid.cpu(), at, turned, model.sensor.size).numpy()
     return charts
 
 

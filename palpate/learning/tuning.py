@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from palpate.architectures import required
 from palpate.configuration import ConfigError
 from palpate.learning.recipes import ReconstructionSettings
 
@@ -34,8 +35,8 @@ def layers_of_blocks(count: int) -> list[int]:
 
     Raises ConfigError if the last block would be empty.
     """
-    each = -(-count // BLOCKS)
-    layers = [each] * (BLOCKS - 1) + [count - (BLOCKS - 1) * each]
+    most = -(-count // BLOCKS)
+    layers = [most] * (BLOCKS - 1) + [count - (BLOCKS - 1) * most]
     if layers[-1] < 1:
         raise ConfigError(f"tuning: {count} CNN layers can't be laid into {BLOCKS} blocks as the paper's")
     return layers
@@ -50,8 +51,8 @@ def point_settings(
     None.
     """
     layers, old = layers_of_blocks(point["cnn_layers"]), settings.architecture
-    encoder = replace(old.encoder, layers=layers, pool=list(itertools.accumulate(layers))[1:])
-    gcn = replace(old.gcn, layers=point["gcn_layers"], width=point["width"])
+    encoder = replace(required(old.encoder, "encoder"), layers=layers, pool=list(itertools.accumulate(layers))[1:])
+    gcn = replace(required(old.gcn, "gcn"), layers=point["gcn_layers"], width=point["width"])
     architecture = replace(old, encoder=encoder, gcn=gcn)
     return replace(settings, architecture=architecture, rate=point["rate"], steps=steps or settings.steps)
 

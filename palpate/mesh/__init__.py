@@ -6,15 +6,14 @@ Importing this package loads no engine: its constants and the paths of mesh file
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from palpate import checksums
+from palpate import seal
 from palpate.batch import UnusableObject
 from palpate.mesh.isolation import isolated
 from palpate.named_files import gltf_tree
-from palpate.rebuild_command import rebuild_advice
 
 if TYPE_CHECKING:
     import trimesh
@@ -85,36 +84,28 @@ def diagonal(folder: Path | str) -> float:
 
 
 def mesh_file(folder: Path | str, name: str) -> Path:
-    """Path of a file in an object's folder, compared with its checksum if the batch has a manifest, as in a run.
+    """Path of a file in an object's folder, compared with the batch's seal if it has one, as in a run.
 
-    Raises `palpate.checksums.DamagedFile` if the file is missing or not the one that was written.
+    Raises `palpate.seal.DamagedFile` if the file is missing or not the one that was written.
     """
-    folder = Path(folder)
-    path, batch = folder / name, folder.parent
-    if (batch / checksums.MANIFEST).exists():
-        relative, remedy = f"{folder.name}/{name}", _remedy(batch)
-        files = checksums.read_manifest(batch, remedy)
-        if relative not in files:
-            raise checksums.DamagedFile(f"{path} was not written with {batch}; {remedy}")
-        if found := checksums.find_damage(batch, {relative: files[relative]}, contents=True):
-            raise checksums.DamagedFile(f"{batch}: {found[0]}; {remedy}")
+    path, batch = Path(folder, name), Path(folder).parent
+    if (batch / seal.NAME).exists():
+        sealed, relative = seal.read(batch), f"{path.parent.name}/{name}"
+        if relative not in sealed.files:
+            raise seal.damaged(batch, f"{relative} was not written with it")
+        sealed.require([relative])
     return path
 
 
 def usable(batch: Path | str, contents: bool = False) -> list[str]:
-    """Names of the objects that a run's batch of meshes holds, by its manifest.
+    """Names of the objects that a run's batch of meshes holds, by its seal.
 
-    contents: compare all files with their checksums, too. Raises `palpate.checksums.DamagedFile`, naming the first
-    files, if the manifest or files are missing, of another size, or changed.
+    contents: compare all files with their checksums, too. Raises `palpate.seal.DamagedFile`, naming the first
+    files, if the seal or files are missing, of another size, or changed.
     """
-    files = checksums.read_manifest(batch, _remedy(batch))
-    if found := checksums.find_damage(batch, files, contents):
-        raise checksums.DamagedFile(f"{batch} is damaged: {checksums.join_first(found)}; {_remedy(batch)}")
-    return list(dict.fromkeys(name.split("/")[0] for name in files if "/" in name))
-
-
-def _remedy(batch: Path | str) -> str:
-    return rebuild_advice(batch, str(batch))
+    sealed = seal.read(batch)
+    sealed.require(contents=contents)
+    return list(dict.fromkeys(name.split("/")[0] for name in sealed.files if "/" in name))
 
 
 class Geometry(NamedTuple):
@@ -122,6 +113,9 @@ class Geometry(NamedTuple):
 
     vertices: np.ndarray  # (n, 3) float64
     faces: np.ndarray  # (f, 3) int64
+
+
+Mesh: TypeAlias = "Geometry | trimesh.Trimesh"  # what has vertices (n, 3) and faces (f, 3)
 
 
 def load_geometry(folder: Path | str) -> Geometry:
@@ -137,7 +131,7 @@ def load_geometry(folder: Path | str) -> Geometry:
         offset = start + view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return np.frombuffer(data, dtype, accessor["count"] * width, offset).reshape(-1, 3)
 
-    parts = [primitive for each in tree["meshes"] for primitive in each["primitives"]]
+    parts = [primitive for mesh in tree["meshes"] for primitive in mesh["primitives"]]
     vertices = [read(part["attributes"]["POSITION"], 3) for part in parts]
     first = np.cumsum([0, *map(len, vertices)])[:-1]
     faces = [read(part["indices"], 1) + number for part, number in zip(parts, first, strict=True)]

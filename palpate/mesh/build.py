@@ -1,6 +1,7 @@
 """From a source file to the mesh files of one object."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from palpate.camera import rotation_about
 from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.load import load
+from palpate.mesh.part import material_of
 from palpate.mesh.repair import repair
 
 # Rotations that turn the source's up axis to z. The front (-z for y up, as in glTF and ShapeNet) goes to +y.
@@ -27,9 +29,9 @@ COARSEST = 1e-4
 
 
 def build(
-    source: Path, folder: Path, up: str, collision_faces: int, scale="diagonal", root=None, turn=0.0
+    source: Path, folder: Path, up: str, collision_faces: int, scale: str | float, root: Path | str | None, turn: float
 ) -> dict[str, Any]:
-    """As `palpate.mesh.prepare`, in this process."""
+    """Make the mesh files of an object as `palpate.mesh.prepare` does, in this process."""
     (parts, unit), problems = load(source, root)
     vertices, faces, part = joined(parts, source)
     rotation = rotation_about(2, np.radians(turn)) @ UP[up] if turn else UP[up]
@@ -39,13 +41,13 @@ def build(
         raise UnusableObject(f"{source}: none of its {len(repaired.faces)} triangles has an area: export its surface")
     faces = repaired.faces[repaired.keep]
     box = repaired.vertices[faces].min(axis=(0, 1)), repaired.vertices[faces].max(axis=(0, 1))
-    centre, asked = (box[0] + box[1]) / 2, scale
-    diagonal, scale = size(source, np.linalg.norm(box[1] - box[0]), asked, unit)
+    centre = (box[0] + box[1]) / 2
+    diagonal, factor = size(source, float(np.linalg.norm(box[1] - box[0])), scale, unit)
     for number, mesh in enumerate(parts):
-        mine = part == number
-        _rewrite(mesh, rotation, centre, scale, repaired.keep[mine], repaired.flip[mine])
+        own = part == number
+        _rewrite(mesh, rotation, centre, factor, repaired.keep[own], repaired.flip[own])
     # What is measured is what is written: single precision.
-    vertices = ((repaired.vertices - centre) * scale).astype(np.float32).astype(np.float64)
+    vertices = ((repaired.vertices - centre) * factor).astype(np.float32).astype(np.float64)
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
 
@@ -53,7 +55,7 @@ def build(
     shown = [mesh for mesh in parts if len(mesh.faces)]
     wraps = [mesh.metadata.pop("wrap", None) for mesh in shown]
     for mesh, wrap in zip(shown, wraps, strict=True):  # trimesh writes materials whose data are the same as one
-        mesh.visual.material._data["wrap"] = wrap
+        material_of(mesh)._data["wrap"] = wrap
     try:
         glb = trimesh.Scene(shown).export(file_type="glb", tree_postprocessor=lambda tree: _complete(tree, wraps))
     except (OSError, SyntaxError) as error:  # PIL's: textures are decoded here, nothing is written yet
@@ -62,7 +64,7 @@ def build(
             "from the material"
         ) from error
     (folder / "visual.glb").write_bytes(glb)
-    see_through = any(mesh.visual.material.alphaMode not in (None, "OPAQUE") for mesh in shown)
+    see_through = any(material_of(mesh).alphaMode not in (None, "OPAQUE") for mesh in shown)
     record = {
         "version": VERSION,
         "source": {
@@ -71,11 +73,11 @@ def build(
             "parts": len(parts),
             "up": up,
             "turn": turn,
-            "scale": asked,
+            "scale": scale,
             "problems": problems,
             "bounding_box": [corner.tolist() for corner in box],
         },
-        "scale": float(scale),
+        "scale": float(factor),
         "diagonal": float(diagonal),
         "repairs": repaired.counts,
         "visual.glb": _describe(vertices, faces) | {"see_through": see_through},
@@ -85,28 +87,30 @@ def build(
     return record
 
 
-def size(source, extent, asked, unit):
-    """Diagonal (m) of an object's box and factor from its file's unit to metres; extent: the diagonal in that unit;
-    unit: metres of the unit that the file states."""
-    if asked == "diagonal":
+def size(source: Path, extent: float, scale: str | float, unit: float) -> tuple[float, float]:
+    """Diagonal (m) of an object's box and factor from its file's unit to metres.
+
+    extent: the diagonal in that unit; unit: metres of the unit that the file states; scale: as for `prepare`.
+    """
+    if scale == "diagonal":
         return DIAGONAL, DIAGONAL / extent
-    scale = unit if asked == "keep" else float(asked)
-    diagonal = scale * extent
+    factor = unit if scale == "keep" else float(scale)
+    diagonal = factor * extent
     if not SMALLEST <= diagonal <= LARGEST:
         fitting = [f"{unit:g}" for unit in UNITS if SMALLEST <= unit * extent <= LARGEST]
         raise UnusableObject(
-            f"{source}: at scale {asked} it is {diagonal:.3g} m across, and objects that keep their size have "
+            f"{source}: at scale {scale} it is {diagonal:.3g} m across, and objects that keep their size have "
             f"{SMALLEST:g} to {LARGEST:g} m: is its unit another? Give its metres a unit as `scale` (0.001 for "
             f"millimetres{'; here ' + ' or '.join(fitting) + ' would fit' if fitting else ''}), in the config's source "
             "or for this object in the file of source.objects, or `diagonal`"
         )
-    return diagonal, scale
+    return diagonal, factor
 
 
-def joined(parts, source):
+def joined(parts: Sequence[trimesh.Trimesh], source: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices (n, 3), faces (f, 3) and the part's number (f,) of all parts together, all finite."""
-    joined = trimesh.util.append_faces([mesh.vertices for mesh in parts], [mesh.faces for mesh in parts])
-    vertices, faces = joined[0].astype(np.float64), joined[1].astype(np.int64)
+    appended = trimesh.util.append_faces([mesh.vertices for mesh in parts], [mesh.faces for mesh in parts])
+    vertices, faces = appended[0].astype(np.float64), appended[1].astype(np.int64)
     part = np.repeat(np.arange(len(parts)), [len(mesh.faces) for mesh in parts])
     used = np.unique(faces)
     bad = int((~np.isfinite(vertices[used]).all(axis=1)).sum())
@@ -132,8 +136,8 @@ def joined(parts, source):
     return vertices, faces, part
 
 
-def _single_rounding(vertices):
-    """By how much coordinates (n, 3) were rounded to single precision, at most; 0 if they were not.
+def _single_rounding(vertices: np.ndarray) -> float:
+    """Largest rounding of coordinates (n, 3) to single precision; 0 if they were not rounded.
 
     They were if each is a number of single precision, and some use its last digit.
     """
@@ -144,7 +148,9 @@ def _single_rounding(vertices):
     return float(np.spacing(np.abs(single).max())) / 2
 
 
-def _rewrite(mesh, turn, centre, scale, keep, flip):
+def _rewrite(
+    mesh: trimesh.Trimesh, turn: np.ndarray, centre: np.ndarray, scale: float, keep: np.ndarray, flip: np.ndarray
+) -> None:
     """Move one part to the object's frame and apply the repairs to its faces; materials stay."""
     normals = mesh.metadata.pop("vertex_normals", None)
     faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
@@ -158,10 +164,11 @@ def _rewrite(mesh, turn, centre, scale, keep, flip):
     if normals is not None and len(mesh.faces):
         normals = (normals @ turn.T)[used]
         against = np.einsum("ij,ij->i", normals, mesh.vertex_normals) < 0
-        mesh.vertex_normals = np.where(against[:, None], -normals, normals)
+        turned = np.where(against[:, None], -normals, normals)
+        mesh.vertex_normals = turned  # type: ignore[method-assign]  # of a cached property with a setter
 
 
-def _complete(tree, wraps):
+def _complete(tree: dict[str, Any], wraps: Sequence[tuple[str, str] | None]) -> None:
     """Write into the JSON of visual.glb what trimesh does not: how textures wrap, of each mesh, and light above 1."""
     materials = tree.get("materials", [])
     for material in materials:
@@ -180,10 +187,10 @@ def _complete(tree, wraps):
                     tree["textures"][info["index"]]["sampler"] = samplers.index(sampler)
 
 
-def _describe(vertices, faces):
+def _describe(vertices: np.ndarray, faces: np.ndarray) -> dict[str, Any]:
     """Facts about a surface: faces, area (m2), box (m), shells, whether it is closed, its volume (m3)."""
     corner = vertices[faces]
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    cross = topology.cross(corner)
     closed, counts = topology.is_closed(faces), topology.edge_counts(faces)
     return {
         "faces": len(faces),
@@ -197,9 +204,9 @@ def _describe(vertices, faces):
     }
 
 
-def _write_collision(path, vertices, faces, count):
+def _write_collision(path: Path, vertices: np.ndarray, faces: np.ndarray, count: int) -> dict[str, Any]:
     """Write the mesh decimated to `count` faces; returns its record."""
     level = decimate(vertices, faces, count)
     mesh = trimesh.Trimesh(*level, process=False, validate=False)
-    path.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
+    mesh.export(path, file_type="ply", vertex_normal=False)
     return {"asked": count} | _describe(*level)

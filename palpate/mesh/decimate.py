@@ -26,22 +26,34 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nd
     level = _collapsed(vertices, faces, count, True)
     if not closed and len(level[1]) > EXCESS * count:
         looser = _collapsed(vertices, faces, count, False)
-        level = min(level, looser, key=lambda each: len(each[1]))
+        level = min(level, looser, key=lambda mesh: len(mesh[1]))
     if not len(level[1]) or (closed and not topology.is_closed(level[1])):
         return vertices, faces
     return level
 
 
-def _collapsed(vertices, faces, count, fixed_borders):
+def _collapsed(
+    vertices: np.ndarray, faces: np.ndarray, count: int, fixed_borders: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces after quadric edge collapse to about `count` faces."""
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
     # All parameters: those not given pymeshlab takes from the call before, and results would depend on it.
     # Cleaning would drop what collapsed to nothing, and so open closed meshes.
-    fixed = dict.fromkeys(("preservenormal", "preservetopology", "optimalplacement", "planarquadric"), True)
-    fixed |= dict.fromkeys(("qualityweight", "autoclean", "selected"), False)
-    fixed |= {"targetperc": 0.0, "boundaryweight": BORDER_WEIGHT, "preserveboundary": fixed_borders}
     meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=count, planarweight=PLANAR_WEIGHT, qualitythr=QUALITY, **fixed
+        targetfacenum=count,
+        targetperc=0.0,
+        qualitythr=QUALITY,
+        preserveboundary=fixed_borders,
+        boundaryweight=BORDER_WEIGHT,
+        preservenormal=True,
+        preservetopology=True,
+        optimalplacement=True,
+        planarquadric=True,
+        planarweight=PLANAR_WEIGHT,
+        qualityweight=False,
+        autoclean=False,
+        selected=False,
     )
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()

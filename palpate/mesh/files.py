@@ -14,7 +14,7 @@ from palpate.named_files import LARGEST_SIDE
 PIL.Image.MAX_IMAGE_PIXELS = None  # sides are looked at instead; by itself PIL refuses textures of 16k
 log = logging.getLogger(__name__)
 OUTSIDE = "it lies outside the source's folder: copy it there, or link it"
-GREY = "drawn in neutral grey"
+DRAWN_GREY = "drawn in neutral grey"
 
 
 class Files:
@@ -42,7 +42,7 @@ class Files:
             raise FileNotFoundError(f"{name}: {OUTSIDE if outside else 'there is no such file'}")
         return (self.path.parent / place).read_bytes()
 
-    def picture(self, name: str, data: bytes | None = None, follows: str = GREY) -> PIL.Image.Image | None:
+    def picture(self, name: str, data: bytes | None = None, follows: str = DRAWN_GREY) -> PIL.Image.Image | None:
         """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used.
 
         Raises ValueError, or at its export what PIL does, for one that is cut off.
@@ -72,7 +72,8 @@ def _eight_bit(image: PIL.Image.Image) -> PIL.Image.Image:
     """
     if image.mode in ("L", "RGB", "RGBA") and "transparency" not in image.info:
         if image.format == "JPEG":
-            image.save = partial(image.save, quality="keep")  # its own quantisation, not the writer's lower default
+            # Its own quantisation, not the writer's lower default.
+            image.save = partial(image.save, quality="keep")  # type: ignore[method-assign]
         return image
     if image.mode[0] in "IF":
         values = np.nan_to_num(np.asarray(image, dtype=float))

@@ -4,6 +4,7 @@ import multiprocessing
 import signal
 import traceback
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from typing import Any
 
 from palpate.batch import UnusableObject, lacks_memory, require_memory
@@ -47,14 +48,18 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> A
     return answer
 
 
-def _answer(sender, function, arguments):
+def _answer(sender: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     """Send the class of the error to raise, or None, and its message, or the result."""
+    message: tuple[type[Exception] | None, Any]
     try:
         message = None, function(*arguments)
     except Exception as error:
-        kind = next((kind for kind in (OSError, UnusableObject) if isinstance(error, kind)), RuntimeError)
-        kind = MemoryError if lacks_memory(error) else kind
         trace = f"in the process that prepares the mesh:\n{traceback.format_exc()}"
-        message = kind, str(error) if kind is UnusableObject else trace
+        if lacks_memory(error):
+            message = MemoryError, trace
+        elif isinstance(error, UnusableObject):
+            message = UnusableObject, str(error)
+        else:
+            message = OSError if isinstance(error, OSError) else RuntimeError, trace
     sender.send(message)
     sender.close()

@@ -53,6 +53,11 @@ def make_part(
     return part
 
 
+def material_of(part: trimesh.Trimesh) -> PBRMaterial:
+    """The material of a part that `make_part` made."""
+    return part.visual.material  # type: ignore[union-attr]  # trimesh allows meshes of other kinds of visuals
+
+
 def plain(colour: float = PLAIN, name: str | None = None) -> PBRMaterial:
     """A rough material of one grey, linear light. `GREY` stands for a texture that can't be used."""
     return PBRMaterial(name=name, baseColorFactor=[colour] * 3 + [1.0], metallicFactor=0.0, roughnessFactor=1.0)

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import manifold3d
 import numpy as np
+from numpy.typing import ArrayLike
 
 FLAT = 1e-9  # of the square of a polygon's longest spoke: twice the area of a triangle that counts as flat
 MOST_STARTS = 16  # corners of which a fan is tried: quicker than by ears
 
 
-def triangulate(vertices: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def triangulate(vertices: np.ndarray, corners: np.ndarray, counts: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of polygons without holes, in their order.
 
     vertices (n, 3); corners: vertex numbers of all polygons, one after the other; counts (p,): corners of each.
@@ -20,22 +21,21 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, counts: np.ndarray) -
     """
     counts = np.asarray(counts, dtype=np.int64)
     first = np.cumsum(counts) - counts
-    triangles, owner = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
+    made, owners = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
     for count in np.unique(counts[counts >= 3]):
         index = np.flatnonzero(counts == count)
         fan = np.stack([np.zeros(count - 2, np.int64), np.arange(1, count - 1), np.arange(2, count)], axis=1)
         for start in range(min(count, MOST_STARTS) if count > 3 else 1):
             place = first[index, None] + np.roll(np.arange(count), -start)  # (k, count)
             sees = np.ones(len(index), bool) if count == 3 else _is_fan(vertices[corners[place]])
-            triangles.append(place[sees][:, fan].reshape(-1, 3))
-            owner.append(np.repeat(index[sees], count - 2))
+            made.append(place[sees][:, fan].reshape(-1, 3))
+            owners.append(np.repeat(index[sees], count - 2))
             index = index[~sees]
         place = first[index, None] + np.arange(count)
         for polygon, at, flat in zip(index, place, _flat(vertices[corners[place]]), strict=True):
-            made = at[np.asarray(manifold3d.triangulate([flat]), dtype=np.int64)]
-            triangles.append(made)
-            owner.append(np.full(len(made), polygon))
-    triangles, owner = np.concatenate(triangles), np.concatenate(owner)
+            made.append(at[np.asarray(manifold3d.triangulate([flat]), dtype=np.int64)])
+            owners.append(np.full(len(made[-1]), polygon))
+    triangles, owner = np.concatenate(made), np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
     return triangles[order], owner[order]
 
@@ -51,13 +51,14 @@ def with_holes(rings: Sequence[np.ndarray]) -> np.ndarray:
     return np.concatenate(numbers)[np.asarray(made, dtype=np.int64).reshape(-1, 3)]
 
 
-def strip_triangles(corners: np.ndarray, counts: np.ndarray, fan: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def strip_triangles(corners: np.ndarray, counts: ArrayLike, fan: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of strips or fans, as of `triangulate`: places (t, 3) in `corners`, and the strip (t,) of each.
 
     A corner -1 ends a strip, and the next begins after it. Triangles that name a vertex twice only join strips: they
     are left out.
     """
-    corners, owner = np.asarray(corners, dtype=np.int64), np.repeat(np.arange(len(counts)), counts)
+    corners, counts = np.asarray(corners, dtype=np.int64), np.asarray(counts, dtype=np.int64)
+    owner = np.repeat(np.arange(len(counts)), counts)
     place, begins = np.arange(len(corners)), np.diff(owner, prepend=-1) > 0
     begins[1:] |= corners[:-1] == -1
     first = np.maximum.accumulate(np.where(begins, place, 0))
@@ -72,7 +73,7 @@ def strip_triangles(corners: np.ndarray, counts: np.ndarray, fan: bool = False) 
 
 
 @np.errstate(invalid="ignore", over="ignore")  # vertices that are not finite are looked for later
-def _is_fan(polygons):
+def _is_fan(polygons: np.ndarray) -> np.ndarray:
     """Which polygons (p, c, 3) are a fan of triangles from their first corner that nowhere folds back, (p,) bool."""
     spoke = polygons[:, 1:] - polygons[:, :1]
     cross = np.cross(spoke[:, :-1], spoke[:, 1:])
@@ -82,7 +83,7 @@ def _is_fan(polygons):
 
 
 @np.errstate(invalid="ignore", over="ignore")
-def _flat(polygons, count=None):
+def _flat(polygons: np.ndarray, count: int | None = None) -> np.ndarray:
     """Polygons (p, c, 3) in their planes (p, c, 2), counter-clockwise, of size 1; of `count` corners of an outline."""
     outline = polygons[:, :count]
     normal = _normal(outline)
@@ -93,7 +94,7 @@ def _flat(polygons, count=None):
     return (polygons - outline[:, :1]) @ axes / size[:, None, None]
 
 
-def _normal(polygons):
+def _normal(polygons: np.ndarray) -> np.ndarray:
     """Unit normals (p, 3) of polygons (p, c, 3), by Newell's method; 0 of those without an area."""
     corner = polygons - polygons[:, :1]
     corner = corner / np.maximum(np.abs(corner).max(axis=(1, 2), initial=0), 1e-300)[:, None, None]
@@ -101,6 +102,7 @@ def _normal(polygons):
     return normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
 
 
-def _area(ring):
+def _area(ring: np.ndarray) -> float:
+    """Signed area of a ring (n, 2), positive if it runs counter-clockwise."""
     following = np.roll(ring, -1, axis=0)
     return (ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0]).sum() / 2

@@ -37,7 +37,7 @@ def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaire
     used = np.zeros(len(vertices), dtype=bool)
     used[faces] = True
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
-    tolerance = TOLERANCE * np.linalg.norm(high - low)
+    tolerance = float(TOLERANCE * np.linalg.norm(high - low))
 
     merged, first, behind = _weld(vertices, faces, part, tolerance)
     corners = vertices[first]
@@ -63,7 +63,9 @@ def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaire
     return Repaired(corners, merged, keep, flip, counts)
 
 
-def _weld(vertices, faces, part, tolerance):
+def _weld(
+    vertices: np.ndarray, faces: np.ndarray, part: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Faces (f, 3) in merged vertices, the source vertex (m,) that each merged one stands for, and faces (f,) bool of
     shells that are the backs of others."""
     corner = faces.ravel()
@@ -90,18 +92,19 @@ def _weld(vertices, faces, part, tolerance):
     return merged.reshape(-1, 3), corner[first], behind
 
 
-def _backs(triangles, place, shell, closed):
+def _backs(triangles: np.ndarray, place: np.ndarray, shell: np.ndarray, closed: np.ndarray) -> np.ndarray:
     """Closed shells (s,) bool that are where another is, for their backs' sake: of two the one that is inside out, of
     equal ones the later. Their corners are at the same places and their areas equal, however they are triangulated.
 
     triangles (f, 3, 3): corners of the faces; place (f, 3): the same, by number.
     """
-    area = np.bincount(shell, np.linalg.norm(_cross(triangles), axis=1))
-    volume = np.bincount(shell, np.einsum("ij,ij->i", triangles[:, 0] - triangles[0, 0], _cross(triangles)))
+    area = np.bincount(shell, np.linalg.norm(topology.cross(triangles), axis=1))
+    volume = np.bincount(shell, np.einsum("ij,ij->i", triangles[:, 0] - triangles[0, 0], topology.cross(triangles)))
     size = int(place.max()) + 1
     corner_shell, corner = np.divmod(np.unique(np.repeat(shell, 3) * size + place.ravel()), size)
     start = np.searchsorted(corner_shell, np.arange(len(closed) + 1))
-    back, at = np.zeros(len(closed), dtype=bool), {}
+    back = np.zeros(len(closed), dtype=bool)
+    at: dict[bytes, int] = {}  # the shell with these corners
     for number in np.flatnonzero(closed):
         corners = corner[start[number] : start[number + 1]].tobytes()
         other = at.setdefault(corners, number)
@@ -112,7 +115,7 @@ def _backs(triangles, place, shell, closed):
     return back
 
 
-def _shared(place, shell, closed, back):
+def _shared(place: np.ndarray, shell: np.ndarray, closed: np.ndarray, back: np.ndarray) -> np.ndarray:
     """Shells (s,) bool with a face where a shell has one that is open if they are closed, or closed if they are open:
     one of the two faces is to go, so they are to be merged."""
     order = np.lexsort(np.sort(place, axis=1).T)
@@ -125,16 +128,14 @@ def _shared(place, shell, closed, back):
     return shared
 
 
-def _collapsed(faces):
+def _collapsed(faces: np.ndarray) -> np.ndarray:
+    """Faces (f,) bool that name a vertex twice."""
     return (faces == np.roll(faces, 1, axis=1)).any(axis=1)
 
 
-def _cross(triangles):
-    """Normals (f, 3) of triangles (f, 3, 3), twice as long as their area."""
-    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-
-
-def _doubled(vertices, faces, merged, among, tolerance):
+def _doubled(
+    vertices: np.ndarray, faces: np.ndarray, merged: np.ndarray, among: np.ndarray, tolerance: float
+) -> np.ndarray:
     """Faces (f,) bool to drop of those `among` that have the same three merged vertices, in any order.
 
     Of each set all but the earliest; and that too if the set is a fold without which its shell has no border.
@@ -163,7 +164,7 @@ def _doubled(vertices, faces, merged, among, tolerance):
     return doubled
 
 
-def _outsides(merged, turned, doubled):
+def _outsides(merged: np.ndarray, turned: np.ndarray, doubled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Faces among those that were turned to which one of the doubled is opposite, and the first of these: it has been
     facing out."""
     rows = np.r_[merged[turned][:, ::-1], merged[doubled]]
@@ -173,7 +174,7 @@ def _outsides(merged, turned, doubled):
     return turned[one], doubled[other]
 
 
-def _folded(vertices, faces, merged, tolerance):
+def _folded(vertices: np.ndarray, faces: np.ndarray, merged: np.ndarray, tolerance: float) -> np.ndarray:
     """Which pairs of faces (k, 2, 3) are two sides of a sliver that welding joined: they run opposite ways around the
     same merged vertices (k, 2, 3), and are apart in the source."""
     a, b, c = np.moveaxis(merged, 2, 0)
@@ -184,16 +185,16 @@ def _folded(vertices, faces, merged, tolerance):
     return (way[:, 0] != way[:, 1]) & (apart > ROUNDING * tolerance)
 
 
-def _border(faces, group, count):
+def _border(faces: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
     """How many edges of faces have an odd number of their group's faces: (count,)."""
     odd = topology.edge_counts(faces, group).reshape(-1, 3) % 2
     return np.bincount(group, weights=odd.sum(axis=1), minlength=count)
 
 
-def _droppable(vertices, faces, keep, tolerance):
+def _droppable(vertices: np.ndarray, faces: np.ndarray, keep: np.ndarray, tolerance: float) -> np.ndarray:
     """Faces (f,) bool thinner than the tolerance, unless that opens a closed surface: one may close a crack."""
     longest = np.linalg.norm(vertices[np.roll(faces, -1, axis=1)] - vertices[faces], axis=2).max(axis=1)
-    height = np.linalg.norm(_cross(vertices[faces]), axis=1) / np.maximum(longest, 1e-300)
+    height = np.linalg.norm(topology.cross(vertices[faces]), axis=1) / np.maximum(longest, 1e-300)
     thin = keep & (height <= tolerance)
     if not thin.any():
         return thin
@@ -204,7 +205,7 @@ def _droppable(vertices, faces, keep, tolerance):
     return thin & (~closed | flat)[shell]
 
 
-def _turned(vertices, faces):
+def _turned(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Which faces (f,) bool to turn for a consistent winding that faces outwards."""
     oriented, patch = igl.bfs_orient(np.ascontiguousarray(faces, dtype=np.int64))
     turned = ~np.any([(np.roll(oriented, shift, axis=1) == faces).all(axis=1) for shift in range(3)], axis=0)
@@ -218,14 +219,14 @@ def _turned(vertices, faces):
     return turned ^ wrong[patch]
 
 
-def _inside_out(vertices, faces, patch, closed):
+def _inside_out(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray, closed: np.ndarray) -> np.ndarray:
     """Closed patches (p,) bool to turn: those whose outermost enclosing closed patch has negative volume.
 
     A void inside a solid then still faces its hollow; a solid that is inside out is turned with all in it.
     """
     origin = vertices.mean(axis=0)
     corner = vertices[faces] - origin
-    volume = np.bincount(patch, weights=np.einsum("ij,ij->i", corner[:, 0], _cross(corner)))
+    volume = np.bincount(patch, weights=np.einsum("ij,ij->i", corner[:, 0], topology.cross(corner)))
     negative = closed & (volume < 0)
     if not negative.any():
         return negative
@@ -246,7 +247,7 @@ def _inside_out(vertices, faces, patch, closed):
     return wrong
 
 
-def _seen_from_behind(vertices, faces, patch, candidates):
+def _seen_from_behind(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     """Patches (p,) bool among the candidates whose back can be seen from outside more than their front.
 
     From the centres of up to 16 faces of each patch, 8 rays a side: outside is where more rays escape from the object
@@ -260,7 +261,7 @@ def _seen_from_behind(vertices, faces, patch, candidates):
     chosen = index[rank * 16 // length != (rank - 1) * 16 // length]
     shooter = RayMeshIntersector(Trimesh(vertices, faces, process=False, validate=False))
     corner = vertices[faces[chosen]]
-    normal, centre = _cross(corner), corner.mean(axis=1)
+    normal, centre = topology.cross(corner), corner.mean(axis=1)
     area = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(area, 1e-300)[:, None]
     offset = 1e-4 * np.linalg.norm(np.ptp(vertices, axis=0))

@@ -1,6 +1,7 @@
 """The graph network that moves the vertices: zero-neighbour layers, layout (vertex, sample, channel)."""
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -22,7 +23,17 @@ class ZeroNeighbour(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, x, weight, bias, products: Tensor | None, graph: Graph, shared: int, relu: bool):
+    def forward(
+        ctx: Any,
+        x: Tensor,
+        weight: Tensor,
+        bias: Tensor,
+        products: Tensor | None,
+        graph: Graph,
+        shared: int,
+        relu: bool,
+    ) -> Tensor:
+        """What the class says; `relu`: whether there is one."""
         rows = x.flatten(0, 1)
         if products is None:
             late = bias.clone()  # The bias of the shared channels comes after the sum.
@@ -41,7 +52,8 @@ class ZeroNeighbour(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor):
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        """The gradients of x, weight, bias and products."""
         x, weight, y = ctx.saved_tensors
         # A copy either way: what comes in must not be changed in place.
         through = torch.ops.aten.threshold_backward
@@ -114,19 +126,23 @@ class GraphNetwork(nn.Module):
 
     init, last_layer_scale: see `initialise`; the scale is the last layer's weights'. fan_in: the number of inputs of
     the first layer, where it takes products of further inputs.
+
+    Attribute: outputs, of the first layer.
     """
 
-    def __init__(self, inputs: int, options: GCN, init="he", last_layer_scale=0.01, fan_in: int | None = None):
+    def __init__(
+        self, inputs: int, options: GCN, init: str = "he", last_layer_scale: float = 0.01, fan_in: int | None = None
+    ):
         super().__init__()
         layers, width = options.layers, options.width
         if layers < 1 or width < 3:
             raise ValueError(f"gcn: {layers} layers of width {width}: at least 1 layer, of width 3")
         widths = [inputs, *[width] * (layers - 1), 3]
-        self.layers = nn.ModuleList(
-            ZeroNeighbourLayer(*widths[k : k + 2], k < layers - 1, options.shared_coordinates) for k in range(layers)
-        )
-        for k, layer in enumerate(self.layers):
+        sizes = enumerate(pairwise(widths))
+        built = [ZeroNeighbourLayer(*size, k < layers - 1, options.shared_coordinates) for k, size in sizes]
+        for k, layer in enumerate(built):
             layer.initialise(init, last_layer_scale if k == layers - 1 else 1.0, None if k else fan_in)
+        self.outputs, self.layers = widths[1], nn.ModuleList(built)
 
     def forward(self, x: Tensor, graph: Graph, products: Tensor | None = None) -> Tensor:
         """(V, B, inputs) -> (V, B, 3); products: see `ZeroNeighbourLayer.forward`, of the first layer."""

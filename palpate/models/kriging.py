@@ -12,9 +12,8 @@ import torch
 from torch import Tensor
 
 from palpate.charts import nearest
-from palpate.charts.atlas import TOUCH_SIDE
 from palpate.experiments import Correction
-from palpate.models.touch import TouchAttention
+from palpate.models.touch import chart_grid
 
 LEAST_NOISE = 1e-6  # Without noise the equations of points that coincide have no solution.
 BLOCK = 1 << 14  # queries at a time: 23 MB with the touched points of five grasps
@@ -35,16 +34,16 @@ class Kriging:
         self.weights = torch.cholesky_solve(values.double(), self.factor)
 
     def __call__(self, queries: Tensor) -> Tensor:
-        found = [self._covariance(block) @ self.weights for block in queries.double().split(BLOCK)]
-        return torch.cat(found).to(queries.dtype)
+        means = [self._covariance(block) @ self.weights for block in queries.double().split(BLOCK)]
+        return torch.cat(means).to(queries.dtype)
 
     def variance(self, queries: Tensor) -> Tensor:
         """The posterior variance (m,) of the residual at queries (m, 3), of the one without touches: from 0 to 1."""
-        found = []
+        variances = []
         for block in queries.double().split(BLOCK):
             known = torch.linalg.solve_triangular(self.factor, self._covariance(block).T, upper=False)
-            found.append(1 - known.square().sum(dim=0))
-        return torch.cat(found).clamp(min=0).to(queries.dtype)
+            variances.append(1 - known.square().sum(dim=0))
+        return torch.cat(variances).clamp(min=0).to(queries.dtype)
 
     def _covariance(self, places: Tensor) -> Tensor:
         """(m, n) of the residual at places (m, 3) and at the points."""
@@ -55,8 +54,7 @@ class Kriging:
 def touched_points(batch: Mapping[str, Tensor]) -> list[Tensor]:
     """The known points (n, 3) of each sample of a batch, as `Reconstruction` takes it: 3 x 3 vertices of each
     successful touch chart. Charts without success are not read."""
-    every = TouchAttention.GRID
-    grid = batch["charts"].unflatten(2, (TOUCH_SIDE, TOUCH_SIDE))[:, :, every, every].flatten(2, 3)
+    grid = chart_grid(batch["charts"])
     return [charts[touched].flatten(0, 1) for charts, touched in zip(grid, batch["success"].bool(), strict=True)]
 
 
@@ -82,7 +80,7 @@ def displaced(vertices: Tensor, faces: Tensor | None, touched: Tensor, correctio
 
 def nearest_on_faces(points: Tensor, vertices: Tensor, faces: Tensor) -> tuple[Tensor, Tensor]:
     """Of the point of a mesh that is nearest to each point (n, 3): its face's vertices (n, 3), their weights (n, 3)."""
-    query, mesh = (each.detach().cpu().double().numpy() for each in (points, vertices))
+    query, mesh = (places.detach().cpu().double().numpy() for places in (points, vertices))
     corners = faces.cpu().numpy()
     _, index, met = igl.point_mesh_squared_distance(query, mesh, corners)
     corners = corners[index]

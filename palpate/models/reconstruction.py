@@ -4,14 +4,15 @@ Only what an experiment takes is built: no image encoder without vision, no read
 `sphere`, and touch charts in the graph only for the paper's `charts` and `no_copy`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from typing import cast
 
 import torch
 from torch import Tensor, nn
 
-from palpate.architectures import Architecture, Encoder
+from palpate.architectures import Architecture, required
 from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, resized, sphere, vision_atlas
-from palpate.charts.graph import Graph
+from palpate.charts.graph import Graph, Kind
 from palpate.charts.sample import sample_faces
 from palpate.experiments import Correction, Experiment
 from palpate.mesh import OBJECT_POSITION
@@ -19,22 +20,13 @@ from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.kriging import displaced, touched_points
 from palpate.models.layers import LinearBlock
+from palpate.models.losses import Target, reconstruction_loss
 from palpate.models.pooling import map_products, pool, pool_products, relative_camera
 from palpate.models.templates import Templates, smoothed
 from palpate.models.touch import TouchAttention, TouchPooling, touches_of
 from palpate.sensor import DIGIT, Sensor
 
 HAND_SENSORS = 4  # the Allegro's
-# How touches reach the vertices, by strategy.
-STRATEGIES = {
-    "charts": "graph",
-    "no_copy": "graph",
-    "no_comm": None,
-    "sphere": "readings",
-    "pooled": "pooled",
-    "pooled_no_copy": "pooled",
-    "template": "pooled",
-}
 # The mask feature. The supplement: 0 for vision charts, a binary feature for a successful touch; the published code
 # distinguishes unsuccessful touches from both.
 SUCCESSFUL, UNSUCCESSFUL = 1.0, -1.0
@@ -43,21 +35,17 @@ POSE_FEATURES = 3 + 9 + 1
 # Of one input of a batch: from positions (V, B, 3), in the world and as the network takes them, to its features at the
 # vertices times their weights (V, B, width).
 Products = Callable[[Tensor, Tensor], Tensor]
+Batch = Mapping[str, Tensor]
 
 
 class Reconstruction(nn.Module):
     """From an image, touches, or both, to the vertices of a mesh (paper, section 3 and supplement).
 
     Args:
-        experiment: what the model takes, and its strategy. The paper's: `charts`, touch charts are in the graph of
-            vision charts (equation 1) and in the mesh; `no_copy`, in the graph they are deformed like the others;
-            `no_comm`, in the mesh only; `sphere`, a closed sphere is deformed, and each of its vertices gets features
-            of all touch readings (section 5.1). Ours: `pooled`, features of the nearest touches at every vertex, and
-            touch charts in the mesh; `pooled_no_copy`, without these; `template`, as `pooled`, but the charts begin as
-            those of a training object.
+        experiment: what the model takes, and its strategy (`palpate.strategies`).
         architecture: layers and options, see `palpate.architectures`.
         hand_sensors: s, touches a grasp: the hand's. sensor: the kind that they are of.
-        templates: of strategy `template`, the charts of training objects.
+        templates: of training objects, of a strategy that begins with them.
 
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives: vision charts, then touch charts; where
@@ -76,6 +64,12 @@ class Reconstruction(nn.Module):
     # The first layer's weights of inputs that not every model has.
     INPUT_WEIGHTS = ("image_weight", "reading_weight")
     NOT_FLOATING = ("success", "mask", "hand", "camera_number")
+    centre: Tensor
+    start: Tensor
+    faces: Tensor
+    moving_faces: Tensor
+    image_weight: Tensor
+    reading_weight: Tensor
 
     def __init__(
         self,
@@ -87,39 +81,39 @@ class Reconstruction(nn.Module):
     ):
         super().__init__()
         _check_experiment(experiment)
-        if (templates is not None) != (experiment.strategy == "template"):
+        plan, gcn = experiment.plan, required(architecture.gcn, "gcn")
+        if (templates is not None) != (plan.start == "templates"):
             raise ValueError("templates are for strategy template, which needs them")
         self.templates = templates
         self.experiment, self.architecture = experiment, architecture
         self.hand_sensors, self.sensor = hand_sensors, sensor
         self.sensors = hand_sensors * experiment.grasps if experiment.touch else 0
-        self.touch_input = STRATEGIES[experiment.strategy] if experiment.touch else None
-        self.copies_touch = experiment.touch and experiment.strategy in ("no_comm", "pooled", "template")
+        self.touch_input = plan.touch_input if experiment.touch else None
+        self.copies_touch = experiment.touch and plan.copies_touch
         # A graph for each number of grasps, the most at last.
         counts = range(experiment.fewest_grasps, experiment.grasps + 1) if self.touch_input == "graph" else [0]
-        kind = "sphere" if experiment.strategy == "sphere" else "charts"
-        self.graphs = nn.ModuleList(Graph(hand_sensors * n, kind, architecture.gcn.normalisation) for n in counts)
+        kind: Kind = "sphere" if plan.start == "sphere" else "charts"
+        self.graphs = nn.ModuleList(Graph(hand_sensors * n, kind, gcn.normalisation) for n in counts)
         self.scale = architecture.radius if architecture.normalise_positions else 1.0
         centre = OBJECT_POSITION if architecture.normalise_positions else (0.0, 0.0, 0.0)
         self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)
-        start = sphere()[0] if experiment.strategy == "sphere" else vision_atlas().vertices
+        start = sphere()[0] if kind == "sphere" else vision_atlas().vertices
         self.register_buffer("start", resized(start, architecture.radius), persistent=False)
         faces = chart_faces(self.sensors) if self.copies_touch else self.graph.faces
         self.register_buffer("faces", faces.clone(), persistent=False)
-        fixed_touch = experiment.strategy == "charts" and architecture.failed_charts == "fixed"
-        moving = chart_faces(0) if fixed_touch else self.graph.faces
+        moving = chart_faces(0) if plan.keeps_touch and architecture.failed_charts == "fixed" else self.graph.faces
         self.register_buffer("moving_faces", moving.clone(), persistent=False)
 
-        image_features = self._build_encoder(architecture.encoder) if experiment.has_vision else 0
+        image_features = self._build_encoder() if experiment.has_vision else 0
         vertex_features = 3 + (self.graph.touch_charts > 0)
         reading_features = 0
         if self.touch_input == "readings":
             self.reading_encoder = ReadingEncoder()
             reading_features = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
         init, inputs = architecture.init, image_features + vertex_features + reading_features
-        self.gcn = GraphNetwork(vertex_features, architecture.gcn, init, architecture.last_layer_scale, inputs)
+        self.gcn = GraphNetwork(vertex_features, gcn, init, architecture.last_layer_scale, inputs)
         # The first layer's weights, by what they are applied to; those of a vertex's own inputs are in `gcn`.
-        width = self.gcn.layers[0].weight.shape[1]
+        width = self.gcn.outputs
         for name, rows in (("image_weight", image_features), ("reading_weight", reading_features)):
             if rows:
                 weight = nn.Parameter(torch.empty(rows, width))
@@ -131,8 +125,9 @@ class Reconstruction(nn.Module):
             # (docs/evidence/training.md).
             self.touch_attention = None if experiment.has_vision else TouchAttention(width)
 
-    def _build_encoder(self, options: Encoder) -> int:
+    def _build_encoder(self) -> int:
         """Builds the image encoder; returns the number of features that a vertex gets."""
+        options = required(self.architecture.encoder, "encoder")
         self.encoder = ImageEncoder(options)
         features = sum(self.encoder.channels)
         self.project = LinearBlock(features, options.project) if options.project else None
@@ -141,14 +136,14 @@ class Reconstruction(nn.Module):
     @property
     def graph(self) -> Graph:
         """The graph with the touch charts of all grasps."""
-        return self.graphs[-1]
+        return cast(Graph, self.graphs[-1])
 
     @property
     def shows_touch(self) -> bool:
         """Whether the mesh has touch charts, copied or deformed."""
         return self.copies_touch or self.graph.touch_charts > 0
 
-    def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
+    def forward(self, batch: Batch) -> Tensor:
         """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
 
         batch, of what the experiment uses (all but the image in the world frame, metres). T is s x grasps; touches
@@ -165,12 +160,13 @@ class Reconstruction(nn.Module):
         | `reading` | (B, T, 3, r, c) in [0, 1] | touch, `sphere` |
         | `mask`, `hand` | (B, S, S) bool, the object and, where occluded, the hand | vision, `template` |
         | `camera_number` | (B,) int64 | vision, `template` |
+        | `start` | (1824, B, 3), what `start_of` gives, if it is known | `template` |
 
         Raises ValueError if a key is missing, of another shape or type.
         """
         return self._vertices(batch, True)
 
-    def _vertices(self, batch: Mapping[str, Tensor], finished: bool) -> Tensor:
+    def _vertices(self, batch: Batch, finished: bool) -> Tensor:
         """What the network predicts; `finished`: with the steps after it, smoothing and correction."""
         positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
         positions = self.deform(batch, positions, mask, fixed)
@@ -182,86 +178,95 @@ class Reconstruction(nn.Module):
             positions = torch.cat([positions, self._touch_charts(batch)[0]])
         return positions.transpose(0, 1).contiguous()
 
-    def _initial(self, batch: Mapping[str, Tensor], samples: int) -> tuple[Tensor, Tensor | None, Tensor | None]:
+    def _initial(self, batch: Batch, samples: int) -> tuple[Tensor, Tensor | None, Tensor | None]:
         """Initial vertices (V, B, 3); with touch charts in the graph their mask (V, B, 1), and which vertices are
         fixed (V, B, 1), or None if all move."""
         positions = self.start[:, None].expand(-1, samples, -1)
         if self.templates is not None:
-            positions = self.templates(batch)
+            positions = batch["start"] if "start" in batch else self.start_of(batch)
         if self.touch_input != "graph":
             return positions, None, None
         charts, success = self._touch_charts(batch)
         mask = torch.where(success, SUCCESSFUL, UNSUCCESSFUL).to(charts.dtype)
         mask = torch.cat([mask.new_zeros(len(self.start), samples, 1), mask])
         fixed = None
-        if self.experiment.strategy == "charts":
+        if self.experiment.plan.keeps_touch:
             stays = torch.ones_like(success) if self.architecture.failed_charts == "fixed" else success
             fixed = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
         return torch.cat([positions, charts]), mask, fixed
 
-    def deform(
-        self, batch: Mapping[str, Tensor], positions: Tensor, mask: Tensor | None, fixed: Tensor | None
-    ) -> Tensor:
+    def start_of(self, batch: Batch) -> Tensor:
+        """What the templates give for a batch: vertices (1824, B, 3) m. Raises ValueError for a model without."""
+        if self.templates is None:
+            raise ValueError(f"strategy {self.experiment.strategy} has no templates to begin with")
+        return self.templates(batch)
+
+    def deform(self, batch: Batch, positions: Tensor, mask: Tensor | None, fixed: Tensor | None) -> Tensor:
         """Vertices (V, B, 3) after all deformations, from what `_initial` gives."""
-        inputs = self._inputs(batch, len(positions))
-        graph = next(each for each in self.graphs if each.vertices == len(positions))
+        inputs = self.input_products(batch, len(positions))
+        graph = next(graph for graph in cast(list[Graph], self.graphs) if graph.vertices == len(positions))
         for _ in range(self.architecture.deformations):
             relative = self._relative(positions)
-            found = [products(positions, relative) for products in inputs]
-            products = sum(found[1:], found[0]) if found else None
+            summands = [products(positions, relative) for products in inputs]
+            products = sum(summands[1:], summands[0]) if summands else None
             own = relative if mask is None else torch.cat([relative, mask], dim=-1)
             moved = positions + self.scale * self.gcn(own, graph, products)
             positions = moved if fixed is None else torch.where(fixed, positions, moved)
         return positions
 
-    def _corrected(self, batch: Mapping[str, Tensor], positions: Tensor, correction: Correction) -> Tensor:
+    def _corrected(self, batch: Batch, positions: Tensor, correction: Correction) -> Tensor:
         """Vertices (V, B, 3) with the vision charts bent to the touched points."""
         count = len(self.start)
-        faces = self.moving_faces[(self.moving_faces < count).all(dim=1)]
+        faces = _below(self.moving_faces, count)
         samples = zip(positions[:count].unbind(1), touched_points(batch), strict=True)
-        bent = [displaced(each, faces, touched, correction) for each, touched in samples]
+        bent = [displaced(vertices, faces, touched, correction) for vertices, touched in samples]
         return torch.cat([torch.stack(bent, dim=1), positions[count:]])
 
-    def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
+    def stages(self, batch: Batch) -> list[Tensor]:
         """What the loss of a training step looks at: what the network predicts, neither smoothed nor corrected."""
         return [self._vertices(batch, False)]
 
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
+        """`reconstruction_loss` (B,) of the charts that move.
+
+        The others give no gradient, and would at the start be the nearest to up to half of the true points.
+        """
+        vertices = stages[-1]
+        faces = _below(self.moving_faces, vertices.shape[1])
+        return reconstruction_loss(vertices, faces, target)
+
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and their faces."""
-        return prediction, self._faces_of(len(prediction))
+        return prediction, _below(self.faces, len(prediction))
 
     def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Points (B, n, 3) on the meshes whose vertices `forward` predicts, uniform by area."""
-        return sample_faces(prediction, self._faces_of(prediction.shape[1]), n, generator)
-
-    def _faces_of(self, vertices: int) -> Tensor:
-        """`faces`, less those of touch charts that a sample with fewer grasps than the model's does not have."""
-        return self.faces[(self.faces < vertices).all(dim=1)]
+        return sample_faces(prediction, _below(self.faces, prediction.shape[1]), n, generator)
 
     def _relative(self, positions: Tensor) -> Tensor:
         """Positions (..., 3) as the network takes them: around the object's centre, in radii of the atlas."""
         return (positions - self.centre.to(positions.dtype)) / self.scale
 
-    def _inputs(self, batch, vertices: int) -> list[Products]:
+    def input_products(self, batch: Batch, vertices: int) -> list[Products]:
         """What so many vertices get besides their own positions."""
         inputs = [self._image_products(batch)] if self.experiment.has_vision else []
         if self.touch_input == "readings":
-            inputs.append(self._reading_products(batch, vertices))
+            inputs.append(self.reading_products(batch, vertices))
         elif self.touch_input == "pooled":
             inputs.append(self._touch_products(batch))
         return inputs
 
-    def _image_products(self, batch) -> Products:
+    def _image_products(self, batch: Batch) -> Products:
         """The image's features at the vertices."""
         image = batch["image"]
         camera = relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
         maps = self.encoder(image)
-        if self.project:
-            return lambda positions, _: self.project(pool(maps, positions, camera)) @ self.image_weight
+        if project := self.project:
+            return lambda positions, _: project(pool(maps, positions, camera)) @ self.image_weight
         products = map_products(maps, self.image_weight)
         return lambda positions, _: pool_products(products, positions, camera)
 
-    def _reading_products(self, batch, vertices: int) -> Products:
+    def reading_products(self, batch: Batch, vertices: int) -> Products:
         """The features of all touches at every vertex: of the reading, the sensor's position, rotation, and success."""
         success = batch["success"][..., None].to(batch["reading"].dtype)
         shown = self.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, success.shape[:2]) * success
@@ -270,23 +275,21 @@ class Reconstruction(nn.Module):
         products = (features.flatten(1) @ self.reading_weight).expand(vertices, -1, -1)
         return lambda positions, relative: products
 
-    def _touch_products(self, batch) -> Products:
+    def _touch_products(self, batch: Batch) -> Products:
         """The features of the nearest touches, and of all touches where there is no image."""
-        touches = touches_of(batch)
-        if not self.touch_attention:
+        touches, attention = touches_of(batch), self.touch_attention
+        if not attention:
             return lambda positions, _: self.touch_pooling(touches, positions)
-        attended = self.touch_attention.keys_and_values(batch, self._relative)
-        return lambda positions, relative: (
-            self.touch_pooling(touches, positions) + self.touch_attention(*attended, relative)
-        )
+        attended = attention.keys_and_values(batch, self._relative)
+        return lambda positions, relative: self.touch_pooling(touches, positions) + attention(*attended, relative)
 
-    def _touch_charts(self, batch) -> tuple[Tensor, Tensor]:
+    def _touch_charts(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Touch charts (81 T, B, 3), those without success all at the sensor; success (81 T, B, 1)."""
         success = batch["success"].bool()[:, :, None, None].expand(-1, -1, TOUCH_VERTICES, -1)
         charts = torch.where(success, batch["charts"], batch["position"][:, :, None])
-        return tuple(x.flatten(1, 2).transpose(0, 1) for x in (charts, success))
+        return charts.flatten(1, 2).transpose(0, 1), success.flatten(1, 2).transpose(0, 1)
 
-    def _shapes(self, batch) -> dict[str, tuple[int | None, ...]]:
+    def _shapes(self, batch: Batch) -> dict[str, tuple[int | None, ...]]:
         """The keys that are read, and their shapes after the first axis; None for a size that is free."""
         shapes: dict[str, tuple[int | None, ...]] = {}
         if self.experiment.has_vision:
@@ -308,7 +311,7 @@ class Reconstruction(nn.Module):
                 shapes["charts"] = (touches, TOUCH_VERTICES, 3)
         return shapes
 
-    def _check_shapes(self, batch) -> int:
+    def _check_shapes(self, batch: Batch) -> int:
         """Number of samples in the batch; ValueError if something is missing or of another shape."""
         shapes = self._shapes(batch)
         missing = [key for key in shapes if batch.get(key) is None]
@@ -319,11 +322,11 @@ class Reconstruction(nn.Module):
             )
         samples = len(batch[next(iter(shapes))])
         for key, shape in shapes.items():
-            found, wanted = tuple(batch[key].shape), (samples, *shape)
-            sizes = zip(wanted, found, strict=len(found) == len(wanted))
-            if len(found) != len(wanted) or any(want not in (None, size) for want, size in sizes):
+            given, wanted = tuple(batch[key].shape), (samples, *shape)
+            sizes = zip(wanted, given, strict=len(given) == len(wanted))
+            if len(given) != len(wanted) or any(want not in (None, size) for want, size in sizes):
                 expected = ", ".join("S" if size is None else str(size) for size in wanted)
-                raise ValueError(f"{key} has shape {found}, expected ({expected})")
+                raise ValueError(f"{key} has shape {given}, expected ({expected})")
             if key not in self.NOT_FLOATING and not batch[key].is_floating_point():
                 raise ValueError(f"{key} is {batch[key].dtype}, expected floating point")
         if self.experiment.has_vision:
@@ -334,16 +337,21 @@ class Reconstruction(nn.Module):
         return samples
 
 
+def _below(faces: Tensor, vertices: int) -> Tensor:
+    """The faces of the first vertices: without touch charts that a sample with fewer grasps does not have."""
+    return faces[(faces < vertices).all(dim=1)]
+
+
 def _check_experiment(experiment: Experiment) -> None:
-    strategy, vision, touch = experiment.strategy, experiment.has_vision, experiment.touch
-    if strategy not in STRATEGIES:
-        raise ValueError(f"strategy {strategy!r}: choose one of {[*STRATEGIES]}")
+    strategy, plan, vision, touch = experiment.strategy, experiment.plan, experiment.has_vision, experiment.touch
+    if plan.start is None:
+        raise ValueError(f"strategy {strategy!r} deforms no charts: it has another network")
     if not (vision or touch):
         raise ValueError("a model needs vision, touch, or both")
-    if strategy in ("no_copy", "no_comm") and not touch:
+    if plan.needs_touch and not touch:
         raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
-    if strategy == "no_comm" and not vision:
-        raise ValueError("strategy no_comm without vision would deform the vision charts without any input")
+    if plan.needs_vision and not vision:
+        raise ValueError(f"strategy {strategy} without vision would deform the vision charts without any input")
     if experiment.correction and not experiment.takes_charts:
         raise ValueError(f"strategy {strategy} has no touch charts to correct by")
     if experiment.grasps < 1:

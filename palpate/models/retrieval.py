@@ -44,10 +44,10 @@ class Retrieval:
         batch, of what there is: `mask` and `hand`, (B, p, p) bool, where the object and the hand are seen, and
         `camera_number` (B,) int64; `success` (B, t) and `charts` (B, t, 81, 3) m.
         """
-        found = self.objects.points[self.objects.best(batch)[0][:, 0]]
+        fitting = self.objects.points[self.objects.best(batch)[0][:, 0]]
         if not self.correction or "charts" not in batch:
-            return found
-        samples = zip(found, touched_points(batch), strict=True)
+            return fitting
+        samples = zip(fitting, touched_points(batch), strict=True)
         return torch.stack([displaced(points, None, touched, self.correction) for points, touched in samples])
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
@@ -78,8 +78,8 @@ class Objects:
             if number >= 0:
                 overlap[row, number] = EXCLUDED
         touched = touched_points(batch) if "charts" in batch else [self.points[0, :0]] * samples
-        found = [self._best(*each, count) for each in zip(overlap.double().numpy(), touched, strict=True)]
-        fits, numbers = zip(*(zip(*each, strict=True) for each in found), strict=True)
+        best = [self._best(*sample, count) for sample in zip(overlap.double().numpy(), touched, strict=True)]
+        fits, numbers = zip(*(zip(*of_sample, strict=True) for of_sample in best), strict=True)
         return torch.tensor(numbers), torch.tensor(fits, dtype=torch.float64)
 
     def _best(self, overlap: np.ndarray, touched: Tensor, count: int) -> list[tuple[float, int]]:
@@ -102,7 +102,7 @@ class Objects:
                 fit = overlap[index] - TOUCH_WEIGHT * squares.mean()
                 if fit < worst:
                     break
-            best = sorted([*best, (float(fit), index)], key=lambda each: (-each[0], each[1]))[:count]
+            best = sorted([*best, (float(fit), index)], key=lambda fit: (-fit[0], fit[1]))[:count]
         return best
 
     def overlap(self, batch: Mapping[str, Tensor]) -> Tensor:
@@ -142,7 +142,7 @@ class Objects:
         shape = np.ceil(extent * np.cbrt(CELLS / extent.prod())).astype(int)
         cell = extent / shape
         half = np.linalg.norm(cell) / 2
-        step = (FARTHEST + half) / 255
+        step = float(FARTHEST + half) / 255
         grid = np.empty((len(clouds), *shape), np.uint8)
         for least, cloud in zip(grid, clouds, strict=True):
             empty = np.ones(shape, bool)

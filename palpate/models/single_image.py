@@ -6,11 +6,12 @@
 | `pixel2mesh` | Pixel2Mesh: Wang et al. 2018 | `DeformedSphere` |
 | `r2n2` | 3D-R2N2: Choy et al. 2016, its encoder and decoder | `Voxels` |
 
-All have the image encoder of `Reconstruction`. docs/single_image.md says what else differs from the publications.
+All have the image encoder of `Reconstruction`, and the losses that they were published with; validation is by Chamfer
+distance for all. docs/single_image.md says what else differs from the publications.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from math import prod
@@ -18,35 +19,41 @@ from math import prod
 import igl
 import numpy as np
 import torch
-from scipy.ndimage import binary_fill_holes
 from torch import Tensor, nn
 from torch.nn import functional
 
-from palpate.architectures import ATLAS_RADIUS, Architecture
+from palpate.architectures import ATLAS_RADIUS, Architecture, required
 from palpate.charts.atlas import resized, sphere
+from palpate.charts.chamfer import nearest, one_sided_distance
 from palpate.charts.graph import Graph, mesh_edges
 from palpate.charts.sample import sample_faces
-from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import KERNEL, ImageEncoder
 from palpate.models.gcn import GraphNetwork
 from palpate.models.layers import LinearBlock
+from palpate.models.losses import CELL, GRID, Target, cloud_loss, subsample
 from palpate.models.pooling import pool, relative_camera
+from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE
+from palpate.sensor import DIGIT
 
 CODE_CELLS = 4  # an image becomes one vector from its last map, averaged onto 4 x 4 cells whatever its size
 SLOPE = 0.1  # of 3D-R2N2's leaky ReLUs
 BASE = 4  # cells along an edge of the voxel grid that the decoder begins with
-GRID = 32  # and of the one it ends with
-# Of the grid's edge, m: no side of an object's box is longer than its diagonal.
-GRID_EDGE = DIAGONAL
-CELL = GRID_EDGE / GRID
+# Weights of Pixel2Mesh's loss, relative to the Chamfer distance (Wang et al. 2018, section 4). Lengths squared are
+# weighed alike whatever their unit; the normal term has none, and its weight is for lengths at the published scale.
+LAPLACIAN, EDGE = 0.3, 0.1
+NORMAL = 1.6e-4 / PIXEL2MESH_SCALE**2  # m^2
 
 
 class SingleImageModel(nn.Module, ABC):
     """From one view to a shape. radius: m, of the sphere around all objects; relative_size: of it to the paper's."""
 
+    hand_sensors, sensor = None, DIGIT  # of touches, which none takes
+    centre: Tensor
+
     def __init__(self, architecture: Architecture):
         super().__init__()
-        self.encoder = ImageEncoder(architecture.encoder)
+        self.encoder = ImageEncoder(required(architecture.encoder, "encoder"))
         self.architecture, self.radius = architecture, architecture.radius
         self.relative_size = self.radius / ATLAS_RADIUS
         self.register_buffer("centre", torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
@@ -74,12 +81,16 @@ class SingleImageModel(nn.Module, ABC):
         """Every prediction (B, ...) that the training's loss looks at, the last being that of `forward`."""
 
     @abstractmethod
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
+        """The loss (B,) of a training step, of what `stages` gives."""
+
+    @abstractmethod
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """One sample's prediction as a mesh: vertices (V, 3) m, world frame, and faces (F, 3) int64."""
 
     def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Points (B, n, 3) m, world frame, of predictions (B, ...): uniform by area on the mesh of each."""
-        meshes = [self.mesh(each) for each in prediction]
+        meshes = [self.mesh(sample) for sample in prediction]
         return torch.cat([sample_faces(vertices[None], faces, n, generator) for vertices, faces in meshes])
 
 
@@ -100,16 +111,16 @@ class PointSet(SingleImageModel):
                 "psg: each pooled map must be half as wide as the one before: set the encoder's padding to 1, and pool "
                 "to one layer of each of its last blocks"
             )
-        decoder, widths = architecture.decoder, self.encoder.channels[::-1]
+        decoder, widths = required(architecture.decoder, "decoder"), self.encoder.channels[::-1]
         self.code = image_code(widths[0], decoder.hidden)
-        self.points = nn.Linear(decoder.hidden, 3 * decoder.points)
+        self.points = nn.Linear(decoder.hidden, 3 * required(decoder.points, "decoder.points"))
         pairs = list(pairwise(widths))
         self.up = nn.ModuleList(nn.ConvTranspose2d(deep, flat, KERNEL, stride=2, padding=1) for deep, flat in pairs)
         self.skip = nn.ModuleList(nn.Conv2d(flat, flat, KERNEL, padding=1) for _, flat in pairs)
         self.mix = nn.ModuleList(nn.Conv2d(flat, flat, KERNEL, padding=1) for _, flat in pairs)
         self.cells = nn.Conv2d(widths[-1], 3, KERNEL, padding=1)
 
-    def stages(self, batch):
+    def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
         """The points (B, N, 3) m, world frame."""
         *maps, x = self.maps(batch)
         code_points = self.points(self.code(x)).unflatten(1, (-1, 3))
@@ -120,11 +131,15 @@ class PointSet(SingleImageModel):
         seen = torch.cat([code_points, cell_points], dim=1).to(batch["camera"].dtype)
         return [self.radius * seen @ view_axes(batch["camera"]) + self.centre.to(seen.dtype)]
 
-    def mesh(self, prediction):
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
+        """Chamfer distance of the predicted points to their objects, as `cloud_loss` has it."""
+        return cloud_loss(stages[-1], target)
+
+    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """The points, and no faces."""
         return prediction, torch.empty(0, 3, dtype=torch.int64, device=prediction.device)
 
-    def sample(self, prediction, n, generator=None):
+    def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
         """The predicted points as they are, whatever n: there is no surface to sample."""
         return prediction
 
@@ -138,6 +153,10 @@ class DeformedSphere(SingleImageModel):
     Attributes: faces, (2304, 3) int64; edges, (E, 2) int64, each once; start, (V, 3) m, the sphere.
     """
 
+    start: Tensor
+    faces: Tensor
+    edges: Tensor
+
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
         vertices, faces = sphere()
@@ -145,10 +164,13 @@ class DeformedSphere(SingleImageModel):
         self.register_buffer("faces", faces.clone(), persistent=False)
         self.register_buffer("edges", mesh_edges(faces).sort(dim=1).values.unique(dim=0), persistent=False)
         self.graph = Graph(0, "sphere")
-        layers = sum(self.encoder.channels) + 3, architecture.gcn, architecture.init, architecture.last_layer_scale
-        self.blocks = nn.ModuleList(GraphNetwork(*layers) for _ in range(architecture.deformations))
+        features, gcn = sum(self.encoder.channels) + 3, required(architecture.gcn, "gcn")
+        self.blocks = nn.ModuleList(
+            GraphNetwork(features, gcn, architecture.init, architecture.last_layer_scale)
+            for _ in range(architecture.deformations)
+        )
 
-    def stages(self, batch):
+    def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
         """The vertices (B, V, 3) m, world frame, after each block."""
         maps, image = self.maps(batch), batch["image"]
         camera = relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
@@ -161,7 +183,38 @@ class DeformedSphere(SingleImageModel):
             stages.append(positions.transpose(0, 1))
         return stages
 
-    def mesh(self, prediction):
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
+        """Pixel2Mesh's loss, the mean over its blocks (the publication: the sum).
+
+        Of each block: the Chamfer distance between vertices and true points, the edges' squared length, the change
+        of each vertex's Laplacian coordinate by the block, and how far edges are from tangential at the nearest
+        true point. Each is a mean, as in the published code, and times 9000.
+        """
+        truth, objects, n, generator = target
+        clouds, trees, normals = truth.clouds(objects), truth.trees(objects), truth.normals(objects)
+        before = self.start.to(truth.points.dtype).expand(len(objects), -1, -1)
+        total = truth.points.new_zeros(len(objects))
+        for vertices in stages:
+            vertices = vertices.to(truth.points.dtype)
+            searches = zip(vertices, clouds, trees or [None] * len(clouds), strict=True)
+            index = [nearest(*search) for search in searches]
+            met = torch.stack([cloud[rows] for cloud, rows in zip(clouds, index, strict=True)])
+            there = (vertices - met).square().sum(dim=2).mean(dim=1)
+            back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], vertices)
+            edges = vertices[:, self.edges[:, 0]] - vertices[:, self.edges[:, 1]]
+            change = laplacian(vertices - before, self.edges)  # the coordinates are linear in the vertices
+            normal = torch.stack([of_cloud[rows] for of_cloud, rows in zip(normals, index, strict=True)])
+            total = (
+                total
+                + (there + back)
+                + EDGE * edges.square().sum(dim=2).mean(dim=1)
+                + LAPLACIAN * change.square().sum(dim=2).mean(dim=1)
+                + NORMAL * mean_cosine(edges, normal, self.edges)
+            )
+            before = vertices
+        return CHAMFER_SCALE * total / len(stages)
+
+    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """The deformed sphere."""
         return prediction, self.faces
 
@@ -176,8 +229,8 @@ class Voxels(SingleImageModel):
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
-        decoder = architecture.decoder
-        channels, self.level = decoder.channels, decoder.level
+        decoder = required(architecture.decoder, "decoder")
+        channels, self.level = required(decoder.channels, "decoder.channels"), required(decoder.level, "decoder.level")
         if BASE << (len(channels) - 1) != GRID:
             raise ValueError(f"decoder: channels {list(channels)} must be of grids of 4, 8, 16 and 32 cells an edge")
         self.code = image_code(self.encoder.channels[-1], decoder.hidden)
@@ -188,14 +241,20 @@ class Voxels(SingleImageModel):
         # With stride 1 the transposed convolution is a convolution, and on a processor 20 times as fast as torch's.
         self.cells = nn.ConvTranspose3d(channels[-1], 1, KERNEL, padding=1)
 
-    def stages(self, batch):
+    def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
         """(B, 32, 32, 32), along x, y, z: log-odds that a cell is occupied."""
         x = self.base(self.code(self.maps(batch)[-1])).unflatten(1, (-1, BASE, BASE, BASE))
         for up in self.up:
             x = functional.leaky_relu(up(functional.leaky_relu(x, SLOPE)), SLOPE)
         return [self.cells(x)[:, 0]]
 
-    def mesh(self, prediction):
+    def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
+        """Mean cross entropy of the cells, in nats; the true cells are those of all surface points."""
+        odds = stages[-1].to(target.truth.points.dtype)
+        there = torch.stack(target.truth.occupied(target.objects, self.relative_size)).to(odds.dtype)
+        return functional.binary_cross_entropy_with_logits(odds, there, reduction="none").mean(dim=(1, 2, 3))
+
+    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """The surface at `level`; at half the greatest probability if no cell reaches it."""
         probability = prediction.detach().double().sigmoid().cpu().numpy()
         greatest = probability.max()
@@ -220,17 +279,20 @@ def view_axes(camera: Tensor) -> Tensor:
     return torch.stack([right, torch.linalg.cross(forward, right), forward], dim=1)
 
 
-def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
-    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose.
+def laplacian(vertices: Tensor, edges: Tensor) -> Tensor:
+    """Laplacian coordinates (B, V, 3): each vertex less the mean of its neighbours.
 
-    As the published voxels, cells are occupied that the surface passes, and those within it. relative_size: of the grid
-    to the cube of `GRID_EDGE`.
+    vertices: (B, V, 3). edges: (E, 2), each once; every vertex has one.
     """
-    cell = CELL * relative_size
-    index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / cell + GRID / 2).floor().long()
-    shell = np.zeros((GRID, GRID, GRID), dtype=bool)
-    shell[tuple(index.clamp(0, GRID - 1).numpy().T)] = True
-    return torch.from_numpy(binary_fill_holes(shell)).to(points.device)
+    ends, others = torch.cat([edges, edges.flip(1)]).T
+    count = torch.bincount(ends, minlength=vertices.shape[1]).to(vertices.dtype)
+    return vertices - torch.zeros_like(vertices).index_add(1, ends, vertices[:, others]) / count[:, None]
+
+
+def mean_cosine(edges: Tensor, normals: Tensor, ends: Tensor) -> Tensor:
+    """(B,) mean absolute cosine between each edge (B, E, 3) and the normals (B, V, 3) at its two ends (E, 2)."""
+    unit = functional.normalize(edges, dim=2)
+    return torch.stack([(unit * normals[:, end]).sum(dim=2).abs() for end in ends.T]).mean(dim=(0, 2))
 
 
 def grid_surface(values: np.ndarray, level: float, cell: float = CELL) -> tuple[np.ndarray, np.ndarray]:

@@ -42,6 +42,9 @@ class Templates(nn.Module):
     (T, k, 64, 64) uint8, the objects as k cameras see them, by `shrunk`; None without vision.
     """
 
+    shapes: Tensor
+    masks: Tensor | None
+
     def __init__(self, shapes: Tensor, masks: Tensor | None = None):
         super().__init__()
         self.register_buffer("shapes", shapes)
@@ -89,6 +92,7 @@ class Templates(nn.Module):
         It is positive definite (Bouchard et al. 2013, "A proof for the positive definiteness of the Jaccard index
         matrix").
         """
+        assert self.masks is not None  # of a strategy with vision
         masks = self.masks[numbers, camera_number].cpu() / 255
         seen = torch.cat([mask[None], masks if hand is None else masks * (1 - hand)]).flatten(1)
         seen = seen[:, seen.amax(dim=0) > 0]  # empty pixels add nothing
@@ -98,7 +102,7 @@ class Templates(nn.Module):
     def _by_touch(self, numbers: Tensor, touched: Tensor) -> Tensor:
         """The same by the distances of touched points (m, 3) to the surfaces, which to the sample's are 0."""
         places = touched.cpu().double().numpy()
-        squares = np.array([np.zeros(len(places)), *(self.objects.squares(int(each), places) for each in numbers)])
+        squares = np.array([np.zeros(len(places)), *(self.objects.squares(int(number), places) for number in numbers)])
         distances = torch.from_numpy(np.sqrt(squares))
         return -TOUCH_SCALE * torch.cdist(distances, distances).square() / max(len(places), 1)
 
@@ -117,7 +121,7 @@ def kriged(vertices: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor, Tensor
     solved, by_ones = torch.cholesky_solve(torch.stack([covariance[0, 1:], ones.double()], dim=1), factor).unbind(1)
     lack, trend = 1 - solved.sum(), by_ones / by_ones.sum()
     variance = covariance[0, 0] + NUGGET - covariance[0, 1:] @ solved + lack**2 / by_ones.sum()
-    weights, trend, factor = (each.to(vertices) for each in (solved + lack * trend, trend, factor))
+    weights, trend, factor = ((solved + lack * trend).to(vertices), trend.to(vertices), factor.to(vertices))
     off = (vertices - torch.einsum("n,nvi->vi", trend, vertices)) * (variance / len(vertices)).sqrt().to(vertices)
     return torch.einsum("n,nvi->vi", weights, vertices), off, factor
 
@@ -130,19 +134,19 @@ def conditioned(vertices: Tensor, off: Tensor, factor: Tensor, touched: Tensor) 
     is measured along normals that are interpolated between vertices: with those of faces, rounding decides which face's
     it is where two are as near, and the shape with it.
     """
-    share, found, faces = vertices.new_zeros(len(off), 1), vertices, sphere()[1].to(vertices.device)
+    share, moved, faces = vertices.new_zeros(len(off), 1), vertices, sphere()[1].to(vertices.device)
     for _ in range(ROUNDS if len(touched) else 0):
-        corners, weights = nearest_on_faces(touched, found, faces)
-        normals = torch.einsum("mk,mki->mi", weights, vertex_normals(found, faces)[corners])
+        corners, weights = nearest_on_faces(touched, moved, faces)
+        normals = torch.einsum("mk,mki->mi", weights, vertex_normals(moved, faces)[corners])
         normals = functional.normalize(normals, dim=1) / NOISE
-        met = torch.einsum("mk,mki->mi", weights, found[corners])
+        met = torch.einsum("mk,mki->mi", weights, moved[corners])
         along = torch.einsum("mi,mk,nmki->nm", normals, weights, off[:, corners])
         along = torch.linalg.solve_triangular(factor, along, upper=False)
         away = ((touched - met) * normals).sum(dim=1, keepdim=True) + along.T @ share
         share = torch.linalg.solve(along @ along.T + torch.eye(len(off)).to(along), along @ away)
         by_off = torch.linalg.solve_triangular(factor.T, share, upper=True)[:, 0]
-        found = vertices + torch.einsum("n,nvi->vi", by_off, off)
-    return found
+        moved = vertices + torch.einsum("n,nvi->vi", by_off, off)
+    return moved
 
 
 def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:

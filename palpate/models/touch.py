@@ -15,6 +15,7 @@ from palpate.sensor import DIGIT, Sensor
 NEARER, NEAR, FAR = 0.015, 0.05, 0.15  # m, the lengths over which a touch fades
 ACROSS = 0.02  # m, the unit of the distance along the normal
 EMPTY = 0.01  # m, the length over which the space before a sensor without success fades
+GRID = slice(0, None, 4)  # each fourth vertex along a side of a chart
 SURFACE_FEATURES, EMPTY_FEATURES = 14, 5
 
 
@@ -41,6 +42,11 @@ def chart_normals(charts: Tensor) -> Tensor:
     grid = charts.unflatten(-2, (TOUCH_SIDE, TOUCH_SIDE))
     down, right = torch.gradient(grid, dim=(-3, -2))
     return functional.normalize(torch.linalg.cross(down, right), dim=-1).flatten(-3, -2)
+
+
+def chart_grid(charts: Tensor) -> Tensor:
+    """3 x 3 vertices (B, T, 9, 3) of touch charts (B, T, 81, 3)."""
+    return charts.unflatten(2, (TOUCH_SIDE, TOUCH_SIDE))[:, :, GRID, GRID].flatten(2, 3)
 
 
 def touches_of(batch: Mapping[str, Tensor]) -> list[Touches]:
@@ -133,7 +139,6 @@ class TouchAttention(nn.Module):
     width: of the output. channels: of the touches' features.
     """
 
-    GRID = slice(0, None, 4)  # Each fourth vertex along a side of a chart: 3 x 3 of them.
     TOUCH_INPUTS = 3 + 3 + 1 + 9 * 3
 
     def __init__(self, width: int, channels: int = 64):
@@ -152,7 +157,7 @@ class TouchAttention(nn.Module):
         batch: as `Reconstruction` takes it. relative: from positions (..., 3) to those that the network takes.
         """
         success = batch["success"].bool()[..., None]
-        grid = batch["charts"].unflatten(2, (TOUCH_SIDE, TOUCH_SIDE))[:, :, self.GRID, self.GRID].flatten(2, 3)
+        grid = chart_grid(batch["charts"])
         centre = torch.where(success, grid[:, :, 4], batch["position"])
         shape = torch.where(success[..., None], (grid - centre[:, :, None]) / ACROSS, 0.0).flatten(2)
         inputs = torch.cat([relative(centre), batch["rotation"][..., 0], success.to(shape.dtype), shape], dim=2)

@@ -37,7 +37,8 @@ class TouchDepth(nn.Module):
         sizes = [tuple(edge >> level for edge in sensor.resolution) for level in range(5)]
         for level in (3, 2, 1, 0):
             # 12 -> 25, for example, needs one more row and column than twice as many.
-            missing = tuple(edge - 2 * half for edge, half in zip(sizes[level], sizes[level + 1], strict=True))
+            rows, columns = (edge - 2 * half for edge, half in zip(sizes[level], sizes[level + 1], strict=True))
+            missing = rows, columns
             self.upsample.append(nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing))
             self.up.append(_same(2 * channels[level], channels[level]))
         self.depth = nn.Conv2d(width, 1, 1)

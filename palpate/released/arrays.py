@@ -30,7 +30,9 @@ SENSORS, RESOLUTION, SENSOR_WIDTH = len(SENSOR_NAMES), DIGIT.resolution[0], DIGI
 SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
 
 
-def read_surface(root: Path | str, entry: ReleasedObject, count: int, generator) -> dict[str, np.ndarray]:
+def read_surface(
+    root: Path | str, entry: ReleasedObject, count: int, generator: np.random.Generator
+) -> dict[str, np.ndarray]:
     """The record of the surface store: `points` (count, 3) in the world, m, of which `generator` draws, in their order.
 
     Raises UnusableObject if there are fewer, or not finite ones.
@@ -52,13 +54,14 @@ def read_touch(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str
     """
     sensed = [_sensor(path, sensor, scene) for path, scene in _scenes(root, entry, grasps) for sensor in range(SENSORS)]
     return {
-        name: np.stack([each[name] for each in sensed]).reshape(grasps, SENSORS, *sensed[0][name].shape)
+        name: np.stack([touch[name] for touch in sensed]).reshape(grasps, SENSORS, *sensed[0][name].shape)
         for name in sensed[0]
     }
 
 
 def _scenes(root: Path | str, entry: ReleasedObject, grasps: int) -> list[tuple[Path, dict[str, Any]]]:
-    found = []
+    """The files of the first `grasps` grasps, with what they hold."""
+    scenes = []
     for grasp in range(grasps):
         path = entry.scene(root, grasp)
         if not path.is_file():
@@ -67,8 +70,8 @@ def _scenes(root: Path | str, entry: ReleasedObject, grasps: int) -> list[tuple[
         missing = [key for key in SCENE if key not in scene] if isinstance(scene, dict) else list(SCENE)
         if missing:
             raise UnusableObject(f"{path}: no {', '.join(missing)} in it: expected a dictionary with {SCENE}")
-        found.append((path, scene))
-    return found
+        scenes.append((path, scene))
+    return scenes
 
 
 def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -120,12 +123,12 @@ def _floats(path: Path, name: str, values: Any, shape: tuple[int | None, ...]) -
     """Values as float64, of a shape in which None is any length; UnusableObject if they are not finite numbers."""
     try:
         array = np.asarray(values, dtype=np.float64)
-        found = f"shape {array.shape}"
+        what = f"shape {array.shape}"
         fits = array.ndim == len(shape) and all(b in (None, a) for a, b in zip(array.shape, shape, strict=True))
     except (TypeError, ValueError):
-        fits, found = False, "something else"
+        fits, what = False, "something else"
     if not fits:
-        raise UnusableObject(f"{path}: {name}: expected numbers of shape {shape}, found {found}")
+        raise UnusableObject(f"{path}: {name}: expected numbers of shape {shape}, found {what}")
     if not np.isfinite(array).all():
         raise UnusableObject(f"{path}: {name}: not all finite")
     return array
@@ -175,6 +178,7 @@ def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int)
 
 
 def _image(path: Path, size: int) -> np.ndarray:
+    """An image (size, size, 3) uint8 over white. Raises UnusableObject for a file that can't be read."""
     try:
         with Image.open(path) as file:
             image = file.convert("RGBA")

@@ -74,16 +74,19 @@ def read_released(root: Path | str) -> list[ReleasedObject]:
                 f" {SCENES} and split.npy"
             )
     splits = read_splits(root / "split.npy")
-    found, without = [], []
-    for class_name in _folders(root / IMAGES):
-        for name in _folders(root / IMAGES / class_name):
-            each = ReleasedObject(class_name, name, splits.get(name + class_name, ""))
-            complete = each.surface(root).is_file() and (root / SCENES / class_name / name).is_dir()
-            (found if complete and each.split else without).append(each)
+    complete: list[ReleasedObject] = []
+    without: list[str] = []
+    for class_name in subfolders(root / IMAGES):
+        for name in subfolders(root / IMAGES / class_name):
+            released = ReleasedObject(class_name, name, splits.get(name + class_name, ""))
+            if released.split and released.surface(root).is_file() and (root / SCENES / class_name / name).is_dir():
+                complete.append(released)
+            else:
+                without.append(f"{class_name}/{name}")
     if without:
-        named = ", ".join(f"{each.class_name}/{each.name}" for each in without[:10])
+        named = ", ".join(without[:10])
         log.warning("%s: %d objects without surface, scene info or split: %s", root, len(without), named)
-    return found
+    return complete
 
 
 def read_splits(path: Path | str) -> dict[str, str]:
@@ -92,12 +95,12 @@ def read_splits(path: Path | str) -> dict[str, str]:
     if not isinstance(lists, dict) or not lists or not set(lists) <= set(SPLITS):
         keys = ", ".join(map(str, lists)) if isinstance(lists, dict) else type(lists).__name__
         raise UnusableObject(f"{path}: expected a dictionary with {', '.join(SPLITS)}, found {keys or 'nothing'}")
-    found = {}
+    splits: dict[str, str] = {}
     for split, names in lists.items():
         for name in np.asarray(list(names), dtype=str).ravel().tolist():
-            if found.setdefault(name, SPLITS[split]) != SPLITS[split]:
-                raise UnusableObject(f"{path}: {name} is in {found[name]} and in {SPLITS[split]}")
-    return found
+            if splits.setdefault(name, SPLITS[split]) != SPLITS[split]:
+                raise UnusableObject(f"{path}: {name} is in {splits[name]} and in {SPLITS[split]}")
+    return splits
 
 
 def files(path: Path) -> list[str]:
@@ -110,5 +113,6 @@ def files(path: Path) -> list[str]:
     ]
 
 
-def _folders(folder: Path) -> list[str]:
-    return sorted(each.name for each in os.scandir(folder) if each.is_dir() and not each.name.startswith("."))
+def subfolders(folder: Path | str) -> list[str]:
+    """Names of the folders in a folder that are not hidden, sorted."""
+    return sorted(entry.name for entry in os.scandir(folder) if entry.is_dir() and not entry.name.startswith("."))

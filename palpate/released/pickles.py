@@ -6,6 +6,7 @@ only record their arguments; arrays are built from these records afterwards, fro
 
 import io
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ class _Refused(Exception):
 
 
 def _load(file: io.BufferedIOBase) -> Any:
+    """The array of an open file, or its element. Raises `_Refused` for what is not plain."""
     major, minor = np.lib.format.read_magic(file)
     read = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
     if major not in read:
@@ -66,10 +68,11 @@ def _load(file: io.BufferedIOBase) -> Any:
 class _Reader(pickle.Unpickler):
     """A pickle machine that knows the names of `_STAND_INS` and nothing else."""
 
-    def __init__(self, file):
+    def __init__(self, file: io.BufferedIOBase):
         super().__init__(file, encoding="latin1")  # of Python 2's strings, which held arrays' bytes
 
     def find_class(self, module: str, name: str) -> Any:
+        """The stand-in for a name in a pickle. Raises `_Refused` for any other."""
         module = module.replace("numpy._core.", "numpy.core.").replace("__builtin__", "builtins")
         if (module, name) not in _STAND_INS:
             raise _Refused(f"{module}.{name}")
@@ -80,10 +83,10 @@ class _Reader(pickle.Unpickler):
 class _Dtype:
     """Record of a numpy type; of its state only the byte order counts."""
 
-    def __init__(self, spec: Any, *_):
-        self.dtype = np.dtype(spec) if isinstance(spec, str) else None
-        if self.dtype is None or self.dtype.fields or self.dtype.kind not in KINDS + "O":
+    def __init__(self, spec: Any, *_: Any):
+        if not isinstance(spec, str) or np.dtype(spec).fields or np.dtype(spec).kind not in KINDS + "O":
             raise _Refused(f"the type {spec!r}")
+        self.dtype = np.dtype(spec)
 
     def __setstate__(self, state: Any) -> None:
         if any(part is not None for part in state[2:5]):
@@ -95,7 +98,7 @@ class _Dtype:
 class _Array:
     """Record of an array, or of a number or string of numpy's, which has no shape."""
 
-    def __init__(self, shape: Any = None, dtype: Any = None, data: Any = b"", order: str = "C"):
+    def __init__(self, shape: Any = None, dtype: Any = None, data: Any = b"", order: Any = "C"):
         self.shape, self.dtype, self.data, self.order = shape, dtype, data, order
 
     def __setstate__(self, state: Any) -> None:
@@ -124,11 +127,11 @@ def _bytes(data: Any = b"", encoding: Any = "latin1") -> bytes:
     return data.encode("latin1") if isinstance(data, str) else bytes(data)
 
 
-def _never(*_):
+def _never(*_: Any) -> None:
     raise _Refused("an array without contents")
 
 
-_STAND_INS = {
+_STAND_INS: dict[tuple[str, str], Callable[..., Any]] = {
     ("_codecs", "encode"): _bytes,
     ("builtins", "bytes"): _bytes,
     ("builtins", "set"): set,
@@ -145,9 +148,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, _Array):
         return value.value()
     if isinstance(value, dict):
-        return {_plain(key): _plain(each) for key, each in value.items()}
+        return {_plain(key): _plain(element) for key, element in value.items()}
     if isinstance(value, list | tuple | set):
-        return type(value)(_plain(each) for each in value)
+        return type(value)(_plain(element) for element in value)
     if callable(value) or isinstance(value, _Dtype):
         raise _Refused("a name as a value")
     return value

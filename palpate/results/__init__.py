@@ -1,5 +1,5 @@
 """Results of a run: tables and figures of its dataset and its models, and the verdict on each of the paper's claims.
 
-Each module is imported by its own name, because each brings its own engine: tables need pandas only, `atlas` and
-`local_predictions` torch, `reconstructions` torch and Blender, which must be imported first.
+Each module is imported by its own name. pandas, matplotlib, torch and Blender are imported in functions: the workflow's
+start imports all modules, for what they declare (`products`).
 """

@@ -1,50 +1,55 @@
 """The layers of live modules, run one by one, compared with the rows of the paper's tables."""
 
-from collections.abc import Mapping
+from __future__ import annotations
 
-import pandas as pd
-import torch
-from torch import Tensor, nn
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, cast
 
 from palpate.architectures import PAPER_ARCHITECTURES
 from palpate.camera import IMAGE_SIZE
 from palpate.experiments import Experiment
-from palpate.models.reconstruction import Reconstruction
-from palpate.models.touch_depth import TouchDepth
 from palpate.results import products, published
 from palpate.touch.sensor import RESOLUTION
 from palpate.vision.views import SIZE as VIEW_SIZE
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from torch import Tensor, nn
+
+    from palpate.models.reconstruction import Reconstruction
+    from palpate.models.touch_depth import TouchDepth
+
 FIELDS = ["input", "operation", "shape"]
 VERTICES = "Vertex Input"
-WORDS = {nn.BatchNorm2d: "BN", nn.GroupNorm: "IN", nn.ReLU: "ReLU", nn.Linear: "Linear"}
+WORDS = {"BatchNorm2d": "BN", "GroupNorm": "IN", "ReLU": "ReLU", "Linear": "Linear"}  # by the type of a layer
 # Names of convolutions and poolings, and the stride that goes without saying.
-STRIDED = {nn.Conv2d: ("Conv", 1), nn.ConvTranspose2d: ("DeConv", 2), nn.MaxPool2d: ("MaxPooling", 2)}
+STRIDED = {"Conv2d": ("Conv", 1), "ConvTranspose2d": ("DeConv", 2), "MaxPool2d": ("MaxPooling", 2)}
 
 
 def operation(layer: nn.Module) -> str:
     """A layer, or a block of layers, in the wording of the paper's tables."""
-    if type(layer) in STRIDED:
-        name, stride = STRIDED[type(layer)]
+    kind = type(layer).__name__
+    if kind in STRIDED:
+        name, stride = STRIDED[kind]
         size, real = (
             value if isinstance(value, tuple) else (value,) * 2 for value in (layer.kernel_size, layer.stride)
         )
         return f"{name} ({size[0]} x {size[1]})" + ("" if real[0] == stride else f" (stride {real[0]})")
-    return WORDS[type(layer)] if type(layer) in WORDS else " + ".join(map(operation, layer))
+    return WORDS.get(kind) or " + ".join(map(operation, cast("nn.Sequential", layer)))
 
 
 class Listing:
     """Rows of index, input, operation and shape; steps are counted from 1."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.rows: list[dict[str, str]] = []
 
     def add(self, operation: str, shape: tuple[int, ...] | int, *sources: str, index: str | None = None) -> str:
         """Adds a row and returns its name. shape: C, H, W of a map, or a vertex's channels."""
         steps = sum(row["index"].isdigit() for row in self.rows)
         row = {"index": index or str(1 + steps), "input": " ".join(sources), "operation": operation}
-        per_vertex = isinstance(shape, int)
-        self.rows.append(row | {"shape": f"|V| x {shape}" if per_vertex else " x ".join(map(str, shape))})
+        size = f"|V| x {shape}" if isinstance(shape, int) else " x ".join(map(str, shape))
+        self.rows.append(row | {"shape": size})
         return operation if index else f"({1 + steps})"
 
     def run(self, layer: nn.Module, source: tuple[str, Tensor]) -> tuple[str, Tensor]:
@@ -53,22 +58,29 @@ class Listing:
         return self.add(operation(layer), output.shape[1:], source[0]), output
 
 
-@torch.no_grad()
 def read_layers(module: Reconstruction | TouchDepth, image: Tensor | None = None) -> list[dict[str, str]]:
     """The layers of a module in the order in which they run: rows of index, input, operation, shape.
 
     image: (1, 3, H, W) that they are run on. The wording is that of the supplement's tables. `index` counts from 1; two
     rows before name the inputs, `image` and `vertices`. Shapes are a sample's: C x H x W, or |V| x C.
     """
+    import torch
+
+    from palpate.models.touch_depth import TouchDepth
+
     listing = Listing()
-    if isinstance(module, TouchDepth):
-        _unet_layers(module, image, listing)
-    else:
-        _reconstruction_layers(module, image, listing)
+    with torch.no_grad():
+        if isinstance(module, TouchDepth):
+            _unet_layers(module, image, listing)
+        else:
+            _reconstruction_layers(module, image, listing)
     return sorted(listing.rows, key=lambda row: row["index"].isdigit())
 
 
-def _unet_layers(model: TouchDepth, reading: Tensor, listing: Listing) -> None:
+def _unet_layers(model: Any, reading: Any, listing: Listing) -> None:
+    """Those of a `TouchDepth`; of its layers PyTorch declares no types."""
+    import torch
+
     x = listing.add("Input", reading.shape[1:], index="image"), reading
     levels = []
     for level, blocks in enumerate(model.down):
@@ -83,7 +95,8 @@ def _unet_layers(model: TouchDepth, reading: Tensor, listing: Listing) -> None:
     listing.run(model.depth, x)
 
 
-def _reconstruction_layers(model: Reconstruction, image: Tensor | None, listing: Listing) -> None:
+def _reconstruction_layers(model: Any, image: Tensor | None, listing: Listing) -> None:
+    """Those of a `Reconstruction`."""
     own = source = VERTICES
     channels = model.gcn.layers[0].weight.shape[0]
     if image is not None:
@@ -104,20 +117,22 @@ def _reconstruction_layers(model: Reconstruction, image: Tensor | None, listing:
         source = listing.add("GCN Layer", layer.weight.shape[1], source)
 
 
-def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
+def compare(model: str, rows: list[dict[str, str]]) -> DataFrame:
     """The paper's table of a model beside the rows read off a live module, a verdict for each.
 
     Columns: index; input, operation, shape, of the module and (`_paper`) of the paper; `verdict`: `agrees`,
     `contradiction` (the paper contradicts itself: `note` says how, and the module is as it says), or
     `differs`. `attrs["note"]` counts them.
     """
+    from pandas import DataFrame
+
     paper, known, live = (
-        {row["index"]: row for row in each}
-        for each in (paper_rows("architectures", model), paper_rows("contradictions", model), rows)
+        {row["index"]: row for row in listed}
+        for listed in (paper_rows("architectures", model), paper_rows("contradictions", model), rows)
     )
     table = []
     for index in dict.fromkeys([*paper, *live]):
-        published, measured, remark = (each.get(index, {}) for each in (paper, live, known))
+        published, measured, remark = (listed.get(index, {}) for listed in (paper, live, known))
         line: dict[str, str | None] = {"index": index}
         for field in FIELDS:
             line |= {f"{field}_paper": published.get(field), field: measured.get(field)}
@@ -128,7 +143,7 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
             elif remark and _same(published | {key: value for key, value in remark.items() if value}, measured):
                 line |= {"verdict": "contradiction", "note": remark["note"]}
         table.append(line)
-    frame = pd.DataFrame(table)
+    frame = DataFrame(table)
     counts = frame["verdict"].value_counts()
     frame.attrs["note"] = (
         f"{counts.get('agrees', 0)} of {len(frame)} rows agree with the paper's table; in "
@@ -139,12 +154,15 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
 
 
 @products.table(name="architectures/{model}")
-def architecture(model: str) -> pd.DataFrame:
+def architecture(model: str) -> DataFrame:
     """Layers of the live module, run one by one, beside the rows of the paper's table. A note explains each place where
     the paper contradicts itself.
 
     model: "touch_depth" (the U-Net) or a name in `PAPER_ARCHITECTURES`.
     """
+    from palpate.models.reconstruction import Reconstruction
+    from palpate.models.touch_depth import TouchDepth
+
     if model == "touch_depth":
         return compare(model, read_layers(TouchDepth().eval(), _image(RESOLUTION)))
     layers = PAPER_ARCHITECTURES[model]
@@ -155,6 +173,8 @@ def architecture(model: str) -> pd.DataFrame:
 
 
 def _image(size: int) -> Tensor:
+    import torch
+
     return torch.rand(1, 3, size, size, generator=torch.Generator().manual_seed(0))
 
 

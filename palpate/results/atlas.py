@@ -4,15 +4,13 @@ After the paper's figure "Initial positions of vision charts in a closed sphere"
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.colors import LightSource
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from palpate.charts import ATLAS_RADIUS, vision_atlas
 from palpate.mesh import OBJECT_POSITION
 from palpate.results import products
-from palpate.results.page import COLOURS, INK, new_figure, save, styled
+from palpate.results.page import COLOURS, INK, new_figure, save
 
 EXPLOSION = 0.055  # distance by which charts are moved out, in radii
 CHART_COLOURS = np.array(COLOURS)[[5, 4, 2, 3, 6]]
@@ -21,11 +19,15 @@ SIZE = 4.5  # inches
 
 
 @products.figure(name="atlas")
-@styled
 def draw(path: Path | str) -> None:
     """The initial positions of the vision charts: 96 charts of 19 vertices and 24 faces that close a sphere. They are
     drawn slightly apart, to tell them from one another.
     """
+    from matplotlib.colors import LightSource
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    from palpate.charts import ATLAS_RADIUS, vision_atlas
+
     atlas = vision_atlas()
     vertices = atlas.vertices.double().numpy() - OBJECT_POSITION
     chart, faces = atlas.chart.numpy(), atlas.faces.numpy()
@@ -38,7 +40,7 @@ def draw(path: Path | str) -> None:
     towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
     shown = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ towards > 0
     figure = new_figure(SIZE, SIZE)
-    axes = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho")
+    axes: Any = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho")
     style = {"edgecolors": INK, "linewidths": 0.35, "shade": True, "lightsource": LightSource(200, 40)}
     axes.add_collection3d(Poly3DCollection(corners[shown], facecolors=colours[shown], **style))
     reach = ATLAS_RADIUS * (1 + EXPLOSION)

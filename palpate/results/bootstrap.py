@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 LEVEL = 0.95
 RESAMPLES = 2000
@@ -34,6 +33,10 @@ class Estimate(NamedTuple):
         """The same number, its interval clipped to the range of possible values."""
         return self._replace(low=float(np.clip(self.low, least, most)), high=float(np.clip(self.high, least, most)))
 
+    def columns(self, label: str, scale: float = 1.0) -> dict[str, float]:
+        """The columns of a table with the number and its interval, times `scale`."""
+        return {label: scale * self.value, f"{label}_low": scale * self.low, f"{label}_high": scale * self.high}
+
     def sign(self, spread: float = np.nan) -> int:
         """-1 or 1 if the number is a finding, 0 if it is undecided.
 
@@ -50,7 +53,11 @@ def _first(means: np.ndarray) -> np.ndarray:
 
 
 def interval(
-    values: Sequence[np.ndarray], classes: np.ndarray, statistic: Statistic = _first, resamples=RESAMPLES, seed=SEED
+    values: Sequence[np.ndarray],
+    classes: np.ndarray,
+    statistic: Statistic = _first,
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
 ) -> Estimate:
     """A statistic of the experiments' averages, with its bootstrap interval.
 
@@ -70,6 +77,8 @@ def interval(
 
     Raises ValueError if the arrays do not fit each other, hold no object, or are not finite.
     """
+    from scipy.special import stdtrit
+
     values, classes = _checked(values, classes)
     means = np.array([_class_weights(classes) @ array.mean(axis=0) for array in values])
     value = float(statistic(means))
@@ -108,10 +117,10 @@ def ratio_interval(numerator: np.ndarray, denominator: np.ndarray, classes: np.n
         return Estimate(np.nan, np.nan, np.nan)
     # `interval` averages over classes; weighed by their sizes, its averages are sums over all objects.
     _, index, counts = np.unique(classes, return_inverse=True, return_counts=True)
-    found = interval([numerator * counts[index], denominator * counts[index]], classes, _ratio)
-    if not found.low < found.high:
-        found = found._replace(low=np.nan, high=np.nan)
-    return found._replace(value=float(numerator.sum() / total))
+    _, low, high = interval([numerator * counts[index], denominator * counts[index]], classes, _ratio)
+    if not low < high:
+        low = high = np.nan
+    return Estimate(float(numerator.sum() / total), low, high)
 
 
 def _ratio(means: np.ndarray) -> np.ndarray:
@@ -120,7 +129,7 @@ def _ratio(means: np.ndarray) -> np.ndarray:
     return np.divide(first, second, out=np.full_like(first, np.nan), where=second > 0)
 
 
-def _checked(values, classes) -> tuple[list[np.ndarray], np.ndarray]:
+def _checked(values: Sequence[np.ndarray], classes: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
     values = [np.atleast_2d(np.asarray(array, dtype=float)) for array in values]
     classes = np.asarray(classes)
     shapes = [array.shape for array in values]
@@ -139,7 +148,9 @@ def _class_weights(classes: np.ndarray) -> np.ndarray:
     return 1 / (len(counts) * counts[index])
 
 
-def _replicates(values, classes, resamples: int, rng: np.random.Generator) -> np.ndarray:
+def _replicates(
+    values: Sequence[np.ndarray], classes: np.ndarray, resamples: int, rng: np.random.Generator
+) -> np.ndarray:
     """(resamples, experiments) averages over objects and seeds that were drawn."""
     weights = np.zeros((resamples, len(classes)))
     for name in np.unique(classes):
@@ -159,13 +170,13 @@ def _drawn(count: int, resamples: int, rng: np.random.Generator) -> np.ndarray:
     return rng.multinomial(count - 1, np.full(count, 1 / count), size=resamples) / (count - 1)
 
 
-def _slopes(statistic, means: np.ndarray) -> np.ndarray:
+def _slopes(statistic: Statistic, means: np.ndarray) -> np.ndarray:
     """(experiments,) derivatives of the statistic at the averages, by central differences."""
     step = np.diag(STEP * np.maximum(np.abs(means), 1e-12))
     return (statistic(means + step) - statistic(means - step)) / (2 * np.diag(step))
 
 
-def _degrees_of_freedom(values, classes, slopes: np.ndarray) -> float:
+def _degrees_of_freedom(values: Sequence[np.ndarray], classes: np.ndarray, slopes: np.ndarray) -> float:
     """Welch and Satterthwaite's, of the statistic to first order; nan where a class has a single object."""
     by_object = sum(slope * array.mean(axis=0) for slope, array in zip(slopes, values, strict=True))
     names, counts = np.unique(classes, return_counts=True)

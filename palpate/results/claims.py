@@ -19,8 +19,10 @@ measured. Two limits come from the paper's own numbers. "Approximately the same 
 perfect, when compared to the error incurred over full surfaces" is `share_of_least 0.05`: the paper's share is 1.2 %.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Collection, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,8 +31,10 @@ from palpate.results import model_tables as tables
 from palpate.results import products, published
 from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.model_tables import Frame
 from palpate.results.published import Term, paper_values, stated
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as Frame
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
@@ -74,7 +78,11 @@ def share_of_least(limit: float) -> list[Statistic]:
 
 # Each gives the number that is reported, then the bounds, if it is not that number which must be negative.
 STATISTICS: dict[str, Callable[..., list[Statistic]]] = {
-    function.__name__: function for function in (contrast, slope, excess_over_last, change, share_of_least)
+    "contrast": contrast,
+    "slope": slope,
+    "excess_over_last": excess_over_last,
+    "change": change,
+    "share_of_least": share_of_least,
 }
 
 
@@ -107,12 +115,12 @@ def claims(known: Collection[str] = ()) -> list[Claim]:
 
     Raises KeyError for a statistic that does not exist.
     """
-    found = []
+    decidable = []
     for row in published.claims(known):
         measured, *bounds = STATISTICS[row["statistic"]](*map(float, row["parameters"].split()))
         kept = {name: row[name] for name in Claim._fields if name in row}
-        found.append(Claim(**kept, measured=measured, bounds=bounds or [measured]))
-    return found
+        decidable.append(Claim(**kept, measured=measured, bounds=bounds or [measured]))
+    return decidable
 
 
 @products.table(name="claims", evaluations="claims", rings="claims", files=("touches",), splits=("validation", "test"))
@@ -133,10 +141,10 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
     measured_by = _errors_by_table(decided, evaluations, rings, touches)
     rows = []
     for claim in decided:
-        found = measured_by[claim.table]
-        estimate = found.estimate(claim.experiments, claim.measured, resamples)
+        measured = measured_by[claim.table]
+        estimate = measured.estimate(claim.experiments, claim.measured, resamples)
         bounds = [
-            (found.estimate(claim.experiments, bound, resamples), found.between_seeds(claim.experiments, bound))
+            (measured.estimate(claim.experiments, bound, resamples), measured.between_seeds(claim.experiments, bound))
             for bound in claim.bounds
         ]
         means = _stated(claim)
@@ -144,13 +152,13 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
             {
                 "method": METHODS[claim.method].label,
                 **{name: getattr(claim, name) for name in ("group", "claim", "section", "split")},
-                **tables.interval_columns("measured", estimate),
+                **estimate.columns("measured"),
                 "measured_paper": float(claim.measured(means)),
-                "between_seeds": found.between_seeds(claim.experiments, claim.measured),
+                "between_seeds": measured.between_seeds(claim.experiments, claim.measured),
                 "unit": claim.unit,
                 "verdict": verdict(bounds),
                 "paper_agrees": "yes" if all(bound(means) < 0 for bound in claim.bounds) else "no",
-                **tables.size_columns(found, *claim.experiments),
+                **tables.size_columns(measured, *claim.experiments),
             }
         )
     table = tables.frame_of(rows, evaluations["class"])
@@ -166,27 +174,17 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
     return table
 
 
-def _groups(table: Frame) -> Frame:
-    """A row for each group of claims and method of the table of claims, the methods of a group below each other."""
-    rows = []
-    for group, of_group in table.groupby("group", sort=False):
-        for method, members in of_group.groupby("method", sort=False):
-            counts = {name: int((members["verdict"] == name).sum()) for name in (HOLDS, FAILS, UNDECIDED)}
-            whole = FAILS if counts[FAILS] else UNDECIDED if counts[UNDECIDED] else HOLDS
-            rows.append({"group": group, "method": method, "claims": len(members), **counts, "group verdict": whole})
-    return Frame(rows)
-
-
 def _counted(table: Frame) -> str:
     """How many claims and groups of claims hold, of each method."""
-    said = []
-    for method, groups in _groups(table).groupby("method", sort=False):
-        total = groups[["claims", HOLDS, FAILS, UNDECIDED]].sum()
-        said.append(
-            f"{method}: {total[HOLDS]} of {total['claims']} claims hold, {total[FAILS]} do not, {total[UNDECIDED]} are "
-            f"undecided by this run; {(groups['group verdict'] == HOLDS).sum()} of {len(groups)} groups hold."
+    sentences = []
+    for method, members in table.groupby("method", sort=False):
+        counts = {name: int((members["verdict"] == name).sum()) for name in (HOLDS, FAILS, UNDECIDED)}
+        whole = (members["verdict"] == HOLDS).groupby(members["group"]).all()
+        sentences.append(
+            f"{method}: {counts[HOLDS]} of {len(members)} claims hold, {counts[FAILS]} do not, {counts[UNDECIDED]} are "
+            f"undecided by this run; {whole.sum()} of {len(whole)} groups hold."
         )
-    return " ".join(said)
+    return " ".join(sentences)
 
 
 def verdict(bounds: list[tuple[Estimate, float]]) -> str:
@@ -197,7 +195,7 @@ def verdict(bounds: list[tuple[Estimate, float]]) -> str:
     return HOLDS if all(sign == -1 for sign in signs) else UNDECIDED
 
 
-def _errors_by_table(decided: list[Claim], evaluations, rings, touches) -> dict[str, Errors]:
+def _errors_by_table(decided: list[Claim], evaluations: Frame, rings: Frame, touches: Frame) -> dict[str, Errors]:
     """The errors that the claims of each table are decided by."""
 
     def experiments(table: str) -> list[str]:
@@ -205,10 +203,10 @@ def _errors_by_table(decided: list[Claim], evaluations, rings, touches) -> dict[
 
     split = {claim.table: claim.split for claim in decided}
     names = ("model_selection", "input_modalities", "grasps")
-    found = {name: errors(evaluations, experiments(name), split[name]) for name in names}
-    found["extrapolation"] = tables.ring_errors(rings, experiments("extrapolation"), "test")
-    found["local_touch_charts"] = _merge(found["input_modalities"], tables.touch_errors(touches, "test"))
-    return found
+    by_table = {name: errors(evaluations, experiments(name), split[name]) for name in names}
+    by_table["extrapolation"] = tables.ring_errors(rings, experiments("extrapolation"), "test")
+    by_table["local_touch_charts"] = _merge(by_table["input_modalities"], tables.touch_errors(touches, "test"))
+    return by_table
 
 
 def _merge(whole: Errors, local: Errors) -> Errors:

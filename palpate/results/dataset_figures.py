@@ -1,27 +1,33 @@
 """Figures of a run's dataset: one data point and sheets of examples, which show what is stored; steps and closing of a
-grasp, which Blender renders. It is loaded when it is needed, and so is embree, which must come after it.
+grasp, which Blender renders.
 
 A dataset, or a class, without objects gives a figure that says so.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from PIL import Image
 
 from palpate import vision
 from palpate.camera import Camera, looking_at
-from palpate.dataset.reader import Dataset, GraspRecord, ObjectRecord
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_geometry
 from palpate.results import products
 from palpate.results.hand_sheet import posed_geoms
-from palpate.results.page import COLOURS, figure_image, picture_grid, save, save_sentence, styled
+from palpate.results.page import COLOURS, next_page, picture_grid, save, save_animation, save_sentence
 from palpate.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from palpate.dataset import Dataset, GraspRecord, ObjectRecord
+    from palpate.hand import Hand
 
 SITE_COLOURS = [COLOURS[number] for number in (1, 0, 2, 3, 4, 5)]  # in the order of the sensors
 SITE_POINT = 1.6  # points, diameter of a touched point as drawn, larger than it is
@@ -49,7 +55,6 @@ STEPS = (
 
 
 @products.figure(stores=("dataset",), category="Dataset", simulated=True)
-@styled
 def data_point(dataset: Dataset, path: Path | str) -> None:
     """One data point: the camera's image of the object alone, and of the object in the hand; what the touch sensors
     read (faded where a sensor touched nothing); and the touched points on the object, in the colours of their readings
@@ -64,7 +69,6 @@ def data_point(dataset: Dataset, path: Path | str) -> None:
 
 
 @products.figure(name="examples_{class_name}", stores=("dataset",), category="Dataset", simulated=True)
-@styled
 def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
     """Examples of class {class_name}, taken evenly from its objects and not chosen: images, readings of the sensors
     (faded where a sensor touched nothing), and the touched points on the object, in the colours of their readings
@@ -81,7 +85,6 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
 
 
 @products.figure(stores=("dataset",), category="Dataset", simulated=True)
-@styled
 def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
     """The steps of a grasp: the object; the hand, loaded open; its palm placed tangent to a random point of the
     surface, at a random distance and turned at random; its fingers, driven towards the surface by inverse kinematics,
@@ -105,7 +108,6 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: i
 @products.figure(
     form="gif", stores=("surface", "grasps", "touch", "frames", "vision"), category="Dataset", simulated=True
 )
-@styled
 def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
     """A closing hand, with what its sensors read, slowed down: frames of the grasp of the data point.
 
@@ -123,14 +125,8 @@ def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int =
         picture.imshow(image)
         for sensor, panel in enumerate(readings):
             _draw_reading(panel, frames.reading[number, sensor], frames.success[number, sensor], sensor)
-        pages.append(figure_image(figure))
-        figure.set_layout_engine("none")  # all pages are laid out as the first is
-        for panel in figure.axes:
-            panel.images[0].remove()
-    palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
-    first, *others = (page.quantize(palette=palette) for page in pages)
-    times = [PAUSE] * len(others) + [REST]
-    first.save(path, "GIF", save_all=True, append_images=others, duration=times, loop=0, optimize=True)
+        pages.append(next_page(figure))
+    save_animation(pages, path, PAUSE, REST)
 
 
 def example_grasp(dataset: Dataset) -> GraspRecord | None:
@@ -149,7 +145,7 @@ def rendered(grasp: GraspRecord, link_pose: np.ndarray, size: int, samples: int,
 
     All are from one camera, which looks from where most of the hand in its last pose is in sight, and holds every pose.
     """
-    hand, renderer = grasp.object.hand, vision.Renderer(samples, threads=threads)
+    hand, renderer = grasp.object.hand, vision.Renderer(samples, threads=threads, centres=False)
     drawn = [hand_points(hand, pose) for pose in link_pose]
     points, towards = np.concatenate([grasp.object.points, *drawn]), clear_view(grasp.object, drawn[-1])
     scene = Scene(grasp.object.mesh, hand, link_pose, camera=camera_holding(points, towards, size))
@@ -162,7 +158,7 @@ def clear_view(record: ObjectRecord, points: np.ndarray) -> np.ndarray:
     the points (n, 3), world frame."""
     from palpate.surface.embree import RayMesh  # embree: after Blender
 
-    mesh, tilt = RayMesh(load_visual(record.mesh)), np.radians(ELEVATION)
+    mesh, tilt = RayMesh(load_geometry(record.mesh)), np.radians(ELEVATION)
     turns = np.radians(AZIMUTHS)
     level = np.cos(tilt) * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     directions = np.column_stack([level, np.full(len(turns), np.sin(tilt))])
@@ -184,7 +180,7 @@ def camera_holding(points: np.ndarray, towards: np.ndarray, size: int) -> Camera
     return replace(camera, focal_length=camera.focal_length * size / 2 / (HOLDING * reach))
 
 
-def hand_points(hand, link_pose: np.ndarray) -> np.ndarray:
+def hand_points(hand: Hand, link_pose: np.ndarray) -> np.ndarray:
     """(n, 3) vertices of the drawn hand in the world."""
     return np.concatenate([points for points, _ in posed_geoms(hand, link_pose)])
 
@@ -210,6 +206,8 @@ def _draw_reading(axes: Axes, reading: np.ndarray, touched: bool, sensor: int) -
 
 def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
     """The touched points on the image of the object alone, pale and grey, as its camera sees them."""
+    from matplotlib.colors import to_rgb
+
     alone, camera = grasp.object, grasp.object.vision_camera
     grey = Image.fromarray(alone.unoccluded).convert("LA").convert("RGBA")
     axes.imshow(grey, alpha=PALE, interpolation="antialiased")
@@ -218,11 +216,12 @@ def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
         column, row = np.clip(np.nan_to_num(pixels).astype(int), 0, camera.size - 1).T
         behind = depth - alone.unoccluded_depth[row, column] > BEHIND * depth / camera.focal_length
         colour = 1 - np.where(behind, HIDDEN, 1)[:, None] * (1 - np.array(to_rgb(_site_colour(sensor))))
-        axes.scatter(*(pixels - 0.5).T, SITE_POINT**2, colour, linewidths=0)  # the first pixel's centre is at 0
+        x, y = (pixels - 0.5).T  # the first pixel's centre is at 0
+        axes.scatter(x, y, s=SITE_POINT**2, c=colour, linewidths=0)
     seen = np.argwhere(alone.unoccluded_mask)
     low, high = seen.min(axis=0), seen.max(axis=0)
-    (y, x), reach = (low + high) / 2, MARGIN * (high - low).max() / 2
-    axes.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach))
+    (row, column), reach = (low + high) / 2, MARGIN * (high - low).max() / 2
+    axes.set(xlim=(column - reach, column + reach), ylim=(row + reach, row - reach))
 
 
 def _site_colour(sensor: int) -> str:

@@ -9,19 +9,23 @@
 s is the number of the hand's sensors.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from palpate.catalogue import SPLITS, read_catalogue
-from palpate.dataset import Dataset
 from palpate.results import products
 from palpate.results.bootstrap import Estimate, ratio_interval
 from palpate.results.published import has_papers_classes, paper_values, without_paper
-from palpate.store.contract import SENSOR_NAMES
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from palpate.dataset import Dataset
 
 TOTAL = "total"
 
@@ -29,14 +33,19 @@ TOTAL = "total"
 class Frames(NamedTuple):
     """The data of the tables; see the module's table."""
 
-    objects: pd.DataFrame
-    rejected: pd.DataFrame
-    grasps: pd.DataFrame
+    objects: DataFrame
+    rejected: DataFrame
+    grasps: DataFrame
 
 
 def dataset_frames(run: Path | str) -> Frames:
     """The frames of a run's folder: from its catalogue, its grasps and touch stores, and the rejections up to
     touch, so that the tables are the same whether images have been rendered or not."""
+    import pandas as pd
+
+    from palpate.dataset import Dataset
+    from palpate.store.contract import SENSOR_NAMES
+
     run = Path(run)
     objects = pd.DataFrame(read_catalogue(run / "catalogue.csv")).rename(columns={"class_name": "class"})
     dataset = Dataset(run, stages=("released", "meshes", "surface", "grasps", "touch"))
@@ -50,7 +59,7 @@ def dataset_frames(run: Path | str) -> Frames:
 
 
 @products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset")
-def dataset_statistics(frames: Frames) -> pd.DataFrame:
+def dataset_statistics(frames: Frames) -> DataFrame:
     """Size of the dataset by class and in total, how many objects each split has, and the share of touches that met the
     object, with a 95 % bootstrap interval over objects (`successful_low`, `successful_high`). Columns that end in
     `_paper` hold the paper's values, if the run has any of its classes. `attempted` counts the catalogue's objects,
@@ -66,10 +75,11 @@ def dataset_statistics(frames: Frames) -> pd.DataFrame:
         kept = members[members["object"].isin(class_grasps["object"])]
         by_object = _by_object(class_grasps)
         successful = _share(by_object, "successful_touches", "touches")
-        quantities = {"objects": len(kept), "grasps": len(class_grasps), "touches": int(class_grasps["touches"].sum())}
+        quantities: dict[str, float] = {"objects": len(kept), "grasps": len(class_grasps)}
+        quantities["touches"] = int(class_grasps["touches"].sum())
         quantities["successful_percent"] = 100 * successful.value
         quantities |= {split: int((kept["split"] == split).sum()) for split in SPLITS}
-        row = {"class": name}
+        row: dict[str, Any] = {"class": name}
         for quantity, value in quantities.items():
             row[quantity] = value
             if quantity == "successful_percent":
@@ -79,8 +89,7 @@ def dataset_statistics(frames: Frames) -> pd.DataFrame:
         row["rejected"] = int(members["object"].isin(rejected["object"]).sum())
         row["attempts"] = by_object["attempts"].mean() if len(by_object) else np.nan
         rows.append(row)
-    table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="successful", other={"attempts": 1})
-    table.attrs["note"] = _size_note(objects, grasps)
+    table = _table(rows, frames, percent="successful", other={"attempts": 1})
     if has_papers_classes(objects["class"]):
         table.attrs["note"] += (
             " The paper counts 1731 objects in its supplement (text, table and "
@@ -91,10 +100,12 @@ def dataset_statistics(frames: Frames) -> pd.DataFrame:
 
 
 @products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset")
-def grasp_success(frames: Frames) -> pd.DataFrame:
+def grasp_success(frames: Frames) -> DataFrame:
     """Share of grasps with 0 to 4 successful touches, with a 95 % bootstrap interval over objects, and the paper's
     shares over all classes (if the run has any of its classes). No grasp should have 0.
     """
+    from palpate.store.contract import SENSOR_NAMES
+
     objects, _, grasps = frames
     sensors = int(grasps["touches"].max()) if len(grasps) else len(SENSOR_NAMES)
     published = paper_values("grasp_success").set_index(["class", "successful_touches"])["value"]
@@ -103,20 +114,20 @@ def grasp_success(frames: Frames) -> pd.DataFrame:
         for touches in range(sensors + 1):
             by_object = _by_object(class_grasps.assign(hit=class_grasps["successful_touches"] == touches, one=1))
             share = _share(by_object, "hit", "one")
-            row = {"class": name, "objects": len(by_object), "grasps": len(class_grasps), "successful_touches": touches}
-            row |= {"percent": 100 * share.value, "percent_low": 100 * share.low, "percent_high": 100 * share.high}
+            row: dict[str, Any] = {"class": name, "objects": len(by_object), "grasps": len(class_grasps)}
+            row |= {"successful_touches": touches, **share.columns("percent", 100)}
             rows.append(row | {"percent_paper": published.get((name, touches), np.nan)})
-    table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="percent")
-    table.attrs["note"] = _size_note(objects, grasps)
-    return table
+    return _table(rows, frames, percent="percent")
 
 
 @products.table(stores=("meshes", "surface", "grasps", "touch", "hold"), category="Dataset", simulated=True)
-def hold(dataset: Dataset) -> pd.DataFrame:
+def hold(dataset: Dataset) -> DataFrame:
     """Share of grasps whose hand keeps the object when it is let go, by class and by how many sensors touch: along all
     six directions of gravity, along some, and of all directions, with 95 % bootstrap intervals over objects. Grasps
     that the engine could not simulate are in `not_simulated` only.
     """
+    import pandas as pd
+
     grasps = dataset.table()
     held, along = (
         dataset.array("hold", name)[:] if len(dataset) else np.zeros((0, 6)) for name in ("held", "held_along")
@@ -132,40 +143,44 @@ def hold(dataset: Dataset) -> pd.DataFrame:
             by_object = _by_object(of_objects)
             row = {"class": name, "touches": touches, "objects": len(by_object), "grasps": len(of_objects)}
             for share in shares:
-                found = _share(by_object, share, "one")
-                row |= {f"{share}_percent": 100 * found.value}
-                row |= {f"{share}_percent_low": 100 * found.low, f"{share}_percent_high": 100 * found.high}
+                row |= _share(by_object, share, "one").columns(f"{share}_percent", 100)
             rows.append(row | {"not_simulated": int((~chosen["simulated"]).sum())})
     return pd.DataFrame(rows).round(2)
 
 
-def _classes(objects: pd.DataFrame, grasps: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
+def _classes(objects: DataFrame, grasps: DataFrame) -> Iterator[tuple[str, DataFrame, DataFrame]]:
     """(class, its objects, its grasps) in the catalogue's order, then all of them as the total."""
-    for name in pd.unique(objects["class"]):
+    for name in objects["class"].unique():
         yield name, objects[objects["class"] == name], grasps[grasps["class"] == name]
     yield TOTAL, objects, grasps
 
 
-def _by_object(grasps: pd.DataFrame) -> pd.DataFrame:
+def _by_object(grasps: DataFrame) -> DataFrame:
     """Numbers summed over each object's grasps; `attempts`, which belongs to the object, is not summed."""
     numbers = grasps.select_dtypes(["number", "bool"]).columns
     how = {column: "first" if column == "attempts" else "sum" for column in numbers}
     return grasps.groupby("object", sort=False).agg({"class": "first", **how})
 
 
-def _share(by_object: pd.DataFrame, hits: str, of: str) -> Estimate:
+def _share(by_object: DataFrame, hits: str, of: str) -> Estimate:
     """A share over all grasps or touches, between 0 and 1."""
     return ratio_interval(by_object[hits], by_object[of], by_object["class"]).within(0, 1)
 
 
-def _round(table: pd.DataFrame, percent: str, other: dict[str, int] | None = None) -> pd.DataFrame:
-    """Columns that start with `percent` to two decimals; counts as integers that may be missing."""
+def _table(rows: list[dict[str, Any]], frames: Frames, percent: str, other: dict[str, int] | None = None) -> DataFrame:
+    """The rows as a table, with its note: columns that start with `percent` to two decimals, those of `other` to so
+    many; counts as integers that may be missing."""
+    import pandas as pd
+
+    table = without_paper(pd.DataFrame(rows), frames.objects["class"])
     decimals = {column: 2 for column in table.columns if column.startswith(percent)} | (other or {})
     counts = [column for column in table.columns if column != "class" and column not in decimals]
-    return table.round(decimals).astype(dict.fromkeys(counts, "Int64"))
+    table = table.round(decimals).astype(dict.fromkeys(counts, "Int64"))
+    table.attrs["note"] = _size_note(frames.objects, frames.grasps)
+    return table
 
 
-def _size_note(objects: pd.DataFrame, grasps: pd.DataFrame) -> str:
+def _size_note(objects: DataFrame, grasps: DataFrame) -> str:
     """The size of this run's dataset, so that a small run is not mistaken for the paper's."""
     number, classes = grasps["object"].nunique(), objects["class"].unique()
     papers = " (the paper: 1731 objects, 8655 grasps, 4 classes)" if has_papers_classes(classes) else ""

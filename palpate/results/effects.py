@@ -5,11 +5,12 @@ a `published.Term`. For our methods those that take the place of the paper's are
 `docs/evaluation.md` says what a finding is.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from palpate.experiments import SPLITS
 from palpate.methods import METHODS
@@ -17,8 +18,11 @@ from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
-from palpate.results.errors import AVERAGE, Errors, errors
+from palpate.results.errors import AVERAGE, Errors, errors, ratio
 from palpate.results.published import effects, stated
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as Frame
 
 # The verdict by the sign of a finding, and what stands behind it where a single seed was trained.
 VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}
@@ -26,7 +30,7 @@ ONE_SEED = " (one seed)"
 
 
 @products.table(evaluations="effects", splits=("validation", "test"))
-def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
+def touch_effect(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
     """What touch, more grasps, copying and communication change, in the paper's method and in ours: the Chamfer
     distance (9000 times m²) of one experiment less that of another, paired by object and seed, on both splits. `better`
     and `worse` are findings: the interval excludes 0, and two seeds differ by less. `percent abc`: as published by the
@@ -41,14 +45,14 @@ def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.Da
     different seeds.
     """
     rows, abc = [], stated("abc")
-    for row, split, found in _compared(evaluations):
-        difference = _difference(found, row, _stated(split, AVERAGE), abc, resamples)
+    for row, split, measured in _compared(evaluations):
+        difference = _difference(measured, row, _stated(split, AVERAGE), abc, resamples)
         rows.append(_named(row) | {"split": split} | difference)
     return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
 
 
 @products.table(evaluations="effects", splits=("validation", "test"))
-def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
+def touch_effect_by_class(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
     """What touch, more grasps, copying and communication change in each class. `error` and its median are those of the
     experiment that is compared with.
 
@@ -57,9 +61,9 @@ def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES)
     rows = []
     for row, split, whole in _compared(evaluations):
         for name in whole.class_names:
-            found, other = whole.of_class(name), [row["compared_with"]]
-            known = {"class": name, "error": found.values[other[0]].mean(), "error_median": found.median(other)}
-            difference = _difference(found, row, _stated(split, name), {}, resamples)
+            measured, other = whole.of_class(name), [row["compared_with"]]
+            known = {"class": name, "error": measured.values[other[0]].mean(), "error_median": measured.median(other)}
+            difference = _difference(measured, row, _stated(split, name), {}, resamples)
             rows.append(_named(row) | {"split": split, **known, **difference})
     return _effects_table(
         rows, evaluations, "`error` is that of what it is compared with. A difference is between averages of the class"
@@ -72,32 +76,32 @@ def _named(row: dict[str, Any]) -> dict[str, str]:
     return {"effect": row["effect"], "method": METHODS[row["method"]].label, **names}
 
 
-def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, Any], str, Errors]]:
+def _compared(evaluations: Frame) -> Iterator[tuple[dict[str, Any], str, Errors]]:
     """The differences whose experiments were measured, with each split and its errors."""
     chosen = effects(set(evaluations["experiment"]))
     names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
     by_split = {split: errors(evaluations, names, split) for split in SPLITS}
     for row in chosen:
-        for split, found in by_split.items():
-            yield row, split, found
+        for split, measured in by_split.items():
+            yield row, split, measured
 
 
 def _difference(
-    found: Errors, row: dict[str, Any], paper: dict[str, float], abc: dict[str, float], resamples: int
+    measured: Errors, row: dict[str, Any], paper: dict[str, float], abc: dict[str, float], resamples: int
 ) -> dict[str, Any]:
     """The columns of a difference of two experiments' averages, from `difference` on; `paper` has the paper's, `abc`
     those of ABC objects."""
     pair = row["experiment"], row["compared_with"]
     (difference,) = contrast(1, -1)
-    estimate = found.estimate(pair, difference, resamples)
-    percent = found.estimate(pair, lambda means: 100 * (means[..., 0] / means[..., 1] - 1), resamples)
-    spread = found.between_seeds(pair, difference)
-    sizes = tables.size_columns(found, *pair)
+    estimate = measured.estimate(pair, difference, resamples)
+    percent = measured.estimate(pair, lambda means: 100 * (ratio(means) - 1), resamples)
+    spread = measured.between_seeds(pair, difference)
+    sizes = tables.size_columns(measured, *pair)
     sign = estimate.sign(spread)
     return {
-        **tables.interval_columns("difference", estimate),
-        "difference_median": found.median(pair, difference),
-        **tables.interval_columns("percent", percent),
+        **estimate.columns("difference"),
+        "difference_median": measured.median(pair, difference),
+        **percent.columns("percent"),
         "percent_paper": _percent(paper, row),
         "percent_abc": _percent(abc, row),
         "between_seeds": spread,
@@ -112,7 +116,7 @@ def _percent(published: Mapping[str, float], row: dict[str, Any]) -> float:
     return 100 * (published.get(one, np.nan) / published.get(other, np.nan) - 1)
 
 
-def _effects_table(rows: list[dict], evaluations: pd.DataFrame, what: str) -> pd.DataFrame:
+def _effects_table(rows: list[dict], evaluations: Frame, what: str) -> Frame:
     """The table of these rows, which evaluations are compared in; its note begins with `what` a difference is."""
     table = tables.frame_of(rows, evaluations["class"])
     if table["percent_abc"].isna().all():

@@ -1,13 +1,17 @@
 """The evaluations of a run's experiments, read back: errors by seed and object, ready to be averaged."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from palpate.learning.rows import EvaluationError
-from palpate.results.bootstrap import RESAMPLES, Estimate, between_seeds, interval
+from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic, between_seeds, interval
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as Frame
 
 AVERAGE = "average"
 PAPER_CLASSES = ("bottle", "knife", "cellphone", "rifle")  # in its tables' order
@@ -29,19 +33,21 @@ class Errors(NamedTuple):
     @property
     def class_names(self) -> list[str]:
         """The classes, the paper's first and in its order."""
-        found = sorted(set(self.classes))
-        return [name for name in PAPER_CLASSES if name in found] + [name for name in found if name not in PAPER_CLASSES]
+        names = sorted(set(self.classes))
+        return [name for name in PAPER_CLASSES if name in names] + [name for name in names if name not in PAPER_CLASSES]
 
-    def of_class(self, name: str) -> "Errors":
+    def of_class(self, name: str) -> Errors:
         """The errors on the objects of one class."""
         return self.select(self.classes == name)
 
-    def select(self, chosen: np.ndarray) -> "Errors":
+    def select(self, chosen: np.ndarray) -> Errors:
         """The errors on some of the objects; chosen: (n,) bool."""
         values = {experiment: array[:, chosen] for experiment, array in self.values.items()}
         return self._replace(objects=self.objects[chosen], classes=self.classes[chosen], values=values)
 
-    def estimate(self, experiments: Sequence[str], statistic=None, resamples: int = RESAMPLES) -> Estimate:
+    def estimate(
+        self, experiments: Sequence[str], statistic: Statistic | None = None, resamples: int = RESAMPLES
+    ) -> Estimate:
         """A statistic of the averages of some experiments, with its interval; by default the first's average,
         whose interval ends at 0, because errors are not negative."""
         values = [self.values[name] for name in experiments]
@@ -49,12 +55,12 @@ class Errors(NamedTuple):
             return interval(values, self.classes, statistic, resamples)
         return interval(values, self.classes, resamples=resamples).within(0)
 
-    def median(self, experiments: Sequence[str], statistic=None) -> float:
+    def median(self, experiments: Sequence[str], statistic: Statistic | None = None) -> float:
         """The median over objects of a statistic of some experiments' errors, each the mean over seeds."""
         by_object = np.stack([self.values[name].mean(axis=0) for name in experiments], axis=1)
         return float(np.median(by_object[:, 0] if statistic is None else statistic(by_object)))
 
-    def between_seeds(self, experiments: Sequence[str], statistic=None) -> float:
+    def between_seeds(self, experiments: Sequence[str], statistic: Statistic | None = None) -> float:
         """How far two seeds differ in a statistic of the averages of some experiments; nan with one seed, and of what
         is not trained alone."""
         if not any(self.steps[name][1] for name in experiments):
@@ -63,8 +69,13 @@ class Errors(NamedTuple):
         return between_seeds(values, self.classes, *([statistic] if statistic else []))
 
 
+def ratio(means: np.ndarray) -> np.ndarray:
+    """The statistic of two experiments: the first average over the second."""
+    return means[..., 0] / means[..., 1]
+
+
 def errors(
-    frame: pd.DataFrame, experiments: Sequence[str], split: str, column: str = "chamfer", key: str = "experiment"
+    frame: Frame, experiments: Sequence[str], split: str, column: str = "chamfer", key: str = "experiment"
 ) -> Errors:
     """The errors of experiments on one split, object by object.
 

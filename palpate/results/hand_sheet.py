@@ -1,16 +1,21 @@
 """What `palpate check` draws: a hand with its sensor frames, and below it images and readings of an object."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from palpate.hand import Hand
 from palpate.results.page import COLOURS, INK, LABEL, TITLE, new_figure, styled
-from palpate.sensor import Sensor
 from palpate.vision.geom import triangles
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
+
+    from palpate.hand import Hand
+    from palpate.sensor import Sensor
 
 AXES = ("#D62728", "#2CA02C", "#1F77B4")  # of x, y and z, as most viewers colour them
 GEL, END = COLOURS[4], COLOURS[3]
@@ -32,9 +37,9 @@ def check_sheet(hand: Hand, sensor: Sensor, pictures: Mapping[str, np.ndarray]) 
     figure.suptitle(f"{title}\n{LEGEND}", fontsize=TITLE - 1, y=1 - 0.1 / height)
     for number, azimuth in enumerate(VIEWS):
         place = (number / len(VIEWS), ROW * rows / height, 1 / len(VIEWS), (HAND - 0.5) / height)
-        axes = figure.add_axes(place, projection="3d", computed_zorder=False)
-        _draw_hand(axes, hand, sensor)
-        axes.view_init(elev=22, azim=azimuth)
+        panel: Any = figure.add_axes(place, projection="3d", computed_zorder=False)
+        _draw_hand(panel, hand, sensor)
+        panel.view_init(elev=22, azim=azimuth)
     for number, (title, picture) in enumerate(pictures.items()):
         row, column = divmod(number, COLUMNS)
         place = (column / COLUMNS, (ROW * (rows - 1 - row) + 0.05) / height, 0.98 / COLUMNS, (ROW - 0.35) / height)
@@ -56,8 +61,10 @@ def posed_geoms(hand: Hand, link_pose: np.ndarray) -> list[tuple[np.ndarray, np.
     return shapes
 
 
-def _draw_hand(axes: Axes, hand: Hand, sensor: Sensor) -> None:
+def _draw_hand(axes: Axes3D, hand: Hand, sensor: Sensor) -> None:
     """The open hand in the palm's frame, and every sensor's axes, gel and range."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
     links = hand.forward(np.eye(4), hand.open_joint_positions)
     shapes, (positions, rotations) = posed_geoms(hand, links), hand.sensor_frames(links)
     for (_, faces), rgba in zip(shapes, hand.geom_rgba, strict=True):

@@ -1,15 +1,17 @@
 """The figure of local predictions: readings of touches, the true surface, the predicted cloud, and its chart."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.charts.atlas import touch_chart
-from palpate.dataset import Dataset
-from palpate.dataset.reader import GraspRecord, ObjectRecord
-from palpate.learning.reconstruct import GraspTouches, TouchCharts
 from palpate.results import products
-from palpate.results.page import INK, picture_grid, save, save_sentence, styled
+from palpate.results.page import INK, picture_grid, save, save_sentence
+
+if TYPE_CHECKING:
+    from palpate.dataset import Dataset, GraspRecord, ObjectRecord
 
 TOUCHES = 2  # of every object
 STRIDE = 7  # of a cloud's points, those that are drawn: 10,000 hide one another; 7 does not divide a row
@@ -18,7 +20,6 @@ OBLIQUE = np.array([[0, 1, 0], [-0.6, 0, -0.8]])
 
 
 @products.figure(stores=("touch",), files=("touch_depth",))
-@styled
 def local_predictions(dataset: Dataset, touch_depth: Path | str, path: Path | str) -> None:
     """Local predictions of the first test object of every class: the widest touch of each of two grasps. The reading;
     the true cloud of the touch site; the cloud that the U-Net predicts from the reading, at the pixels that differ from
@@ -27,6 +28,9 @@ def local_predictions(dataset: Dataset, touch_depth: Path | str, path: Path | st
 
     touch_depth: the trained U-Net's folder.
     """
+    from palpate.charts.atlas import touch_chart
+    from palpate.learning.reconstruct import GraspTouches, TouchCharts
+
     drawn = [touch for record in first_test_objects(dataset) for touch in touches(record)]
     if not drawn:
         return save_sentence("No test object with a successful touch in this run", path)

@@ -15,20 +15,25 @@ Args that they share:
 They raise EvaluationError if an experiment is missing.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from palpate.experiments import Experiment
 from palpate.learning.rows import QUALITY, EvaluationError
 from palpate.learning.tuning import summary
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
 from palpate.results import products
-from palpate.results.bootstrap import RESAMPLES, Estimate
-from palpate.results.errors import AVERAGE, Errors, errors
+from palpate.results.bootstrap import RESAMPLES
+from palpate.results.errors import AVERAGE, Errors, errors, ratio
 from palpate.results.published import has_papers_classes, paper_values, stated, without_paper
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as Frame
+    from pandas import Series
 
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_ESTIMATES = {"cloud": "local point cloud", "chart": "touch chart"}
@@ -47,11 +52,12 @@ QUALITY_NOTE = (
 )
 
 Experiments = Mapping[str, Experiment]
-Frame = pd.DataFrame
 
 
 @products.table(evaluations="model_selection")
-def model_selection(evaluations: Frame, experiments: Experiments, split="validation", resamples=RESAMPLES) -> Frame:
+def model_selection(
+    evaluations: Frame, experiments: Experiments, split: str = "validation", resamples: int = RESAMPLES
+) -> Frame:
     """Model selection: Chamfer distance (9000 times m²) on the validation split, by class and on average, of the
     paper's twelve models and of ours.
 
@@ -64,14 +70,18 @@ def model_selection(evaluations: Frame, experiments: Experiments, split="validat
 
 
 @products.table(evaluations="input_modalities", splits=("test", "validation"))
-def input_modalities(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def input_modalities(
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Different input modalities: Chamfer distance (9000 times m²) of the paper's model and of ours on the test split,
     by class and on average; and the average on the validation split. Rows of other methods stand beside the paper's
     value of the same inputs.
     """
+    import pandas as pd
+
     table = _errors_by_class("input_modalities", evaluations, experiments, split, resamples)
     other = errors(evaluations, list(experiments), "validation")
-    columns = Frame([error_columns("validation", other, name, resamples) for name in experiments])
+    columns = pd.DataFrame([error_columns("validation", other, name, resamples) for name in experiments])
     place = table.columns.get_loc("average_median") + 1
     joined = pd.concat([table.iloc[:, :place], columns, table.iloc[:, place:]], axis=1)
     joined.attrs = table.attrs
@@ -79,31 +89,31 @@ def input_modalities(evaluations: Frame, experiments: Experiments, split="test",
 
 
 @products.table(evaluations="grasps")
-def grasps(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def grasps(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """More grasps: Chamfer distance (9000 times m²) of models that take 1 to 5 grasps, on the test split.
 
     A row is a setup: experiments that differ in their number of grasps only.
     """
-    found = errors(evaluations, list(experiments), split)
+    measured = errors(evaluations, list(experiments), split)
     published = stated("grasps")
     rows = []
     for (method, inputs), members in setups(experiments).items():
         row: dict[str, Any] = {"method": method, "input": inputs}
         for count, name in sorted(members.items()):
-            row |= error_columns(f"grasps_{count}", found, name, resamples)
+            row |= error_columns(f"grasps_{count}", measured, name, resamples)
             row[f"grasps_{count}_paper"] = published.get(experiments[name].stated_as, np.nan)
-        rows.append(row | size_columns(found, *members.values()))
-    return _finish(rows, split, found, STEPS_NOTE)
+        rows.append(row | size_columns(measured, *members.values()))
+    return _finish(rows, split, measured, STEPS_NOTE)
 
 
 @products.table(rings="extrapolation")
-def extrapolation(rings: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def extrapolation(rings: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """Around touch sites: mean squared distance from the true surface to the prediction, in square rings of 1 to 5
     times the sensor's size around each touch (ring r lies between r - 1 and r times); in m² as in the paper, and 9000
     times that. Charts without communication are copied into the mesh and change nothing else: what other rows with
     touch have less than theirs is extrapolated.
     """
-    found = ring_errors(rings, list(experiments), split)
+    measured = ring_errors(rings, list(experiments), split)
     published = stated("extrapolation")
     rows = []
     for unit, scale in (("m^2", 1.0), ("m^2 x 9000", CHAMFER_SCALE)):
@@ -111,31 +121,33 @@ def extrapolation(rings: Frame, experiments: Experiments, split="test", resample
             row: dict[str, Any] = {"method": experiment.method.label, "input": experiment.input_label}
             row["unit"] = unit
             for ring in RINGS:
-                row |= error_columns(f"x{ring}", found, ring_key(name, ring), resamples, scale)
+                row |= error_columns(f"x{ring}", measured, ring_key(name, ring), resamples, scale)
                 row[f"x{ring}_paper"] = scale * published.get(ring_key(experiment.stated_as, ring), np.nan)
-            rows.append(row | size_columns(found, *(ring_key(name, ring) for ring in RINGS)))
+            rows.append(row | size_columns(measured, *(ring_key(name, ring) for ring in RINGS)))
     note = (
         " One direction: from the true surface to the prediction. The published evaluation averages over all "
         "touches; here an object's error is the mean over its touches, and classes have the same share."
     )
-    return _finish(rows, split, found, note + COMMUNICATION_NOTE, decimals=None)
+    return _finish(rows, split, measured, note + COMMUNICATION_NOTE, decimals=None)
 
 
 @products.table(evaluations="single_image")
-def single_image(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def single_image(
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Reconstruction from single images, by Pixel2Mesh's protocol: Chamfer distance in thousandths, F1 at tau and 2 tau
     in percent. Networks in the manner of PSG, Pixel2Mesh and 3D-R2N2 were built from their publications. Rows marked as
     cited are the paper's, which cites them; they were measured on other objects.
     """
     columns = ("chamfer", "f1_tau", "f1_2tau")
     scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}
-    found, rows = scores["chamfer"], []
+    measured, rows = scores["chamfer"], []
     for name, experiment in experiments.items():
         row: dict[str, Any] = {"source": "measured", "method": experiment.method.label, "from": name}
-        row |= error_columns("chamfer", found, name, resamples, pixel2mesh_chamfer(1.0))
+        row |= error_columns("chamfer", measured, name, resamples, pixel2mesh_chamfer(1.0))
         for column in columns[1:]:
-            row |= interval_columns(column, scores[column].estimate([name], resamples=resamples))
-        rows.append(row | size_columns(found, name))
+            row |= scores[column].estimate([name], resamples=resamples).columns(column)
+        rows.append(row | size_columns(measured, name))
     published = paper_values("single_image").sort_values("cited_by_the_paper", kind="stable")
     for record in published.to_dict("records"):
         origin = "cited by the paper" if record["cited_by_the_paper"] == "yes" else "the paper"
@@ -148,72 +160,76 @@ def single_image(evaluations: Frame, experiments: Experiments, split="test", res
         "for the same processor time; how networks in the manner of others differ from these: docs/single_image.md. "
         "Cited rows: of ShapeNet's 13 classes and published renderings, not this run's objects."
     )
-    return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
+    return _finish(rows, split, measured, note, decimals=2, exact={"chamfer": 3})
 
 
 @products.table(files=("touches",), splits=("test",))
-def local_touch_charts(touches: Frame, split="test", resamples=RESAMPLES) -> Frame:
+def local_touch_charts(touches: Frame, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """Local predictions at each touch of the test split: Chamfer distance (9000 times m²) of the predicted local point
     cloud, and of the touch chart fitted to it, to the true local cloud.
     """
-    found = touch_errors(touches, split)
+    measured = touch_errors(touches, split)
     published = paper_values("local_touch_charts").assign(estimate="cloud").set_index(["estimate", "class"])["value"]
     rows = [
-        {"prediction": label} | _by_class(found, name, name, published, resamples) | size_columns(found, name)
+        {"prediction": label} | _by_class(measured, name, name, published, resamples) | size_columns(measured, name)
         for name, label in TOUCH_ESTIMATES.items()
     ]
     counts = touches[touches["split"] == split]
     note = f" {len(counts)} successful touches; an object's error is the mean over its touches."
-    return _finish(rows, split, found, note, decimals=5)
+    return _finish(rows, split, measured, note, decimals=5)
 
 
 @products.table(evaluations="input_modalities")
-def surface_quality(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def surface_quality(
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Crumpled sheets, torn charts and spikes told apart: angles between adjacent faces (`bend`, `folded`), distances
     between charts that were joined (`gap`), and angles to the true surface (`across`), on the test split.
 
     The columns are explained in `palpate.learning.surface_quality`. The paper states none of them.
     """
-    experiments = {name: each for name, each in experiments.items() if each.is_trained}  # not of retrieved points
+    experiments = {name: one for name, one in experiments.items() if one.is_trained}  # not of retrieved points
     scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
     rows = []
     for name, experiment in experiments.items():
-        row = {"experiment": name, **_inputs(experiment)}
+        row: dict[str, Any] = {"experiment": name, **_inputs(experiment)}
         for column, label in QUALITY_LABELS.items():
-            row |= interval_columns(label, scores[column].estimate([name], resamples=resamples))
+            row |= scores[column].estimate([name], resamples=resamples).columns(label)
         rows.append(row | size_columns(scores["bend"], name))
     return _finish(rows, split, scores["bend"], QUALITY_NOTE, decimals=1)
 
 
 @products.table(evaluations="retrieval", splits=("test",))
-def retrieval(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """The best trained model of each kind of input beside retrieval, which takes the training object that fits the
     image and the touches best: Chamfer distance (9000 times m²) on the test split, mean and median. Below 1 the ratio
     says that the model is better than a look-up. Best is the lowest mean, of models as of look-ups, chosen after the
     fact on this split.
     """
-    found, rows = errors(evaluations, list(experiments), split), []
+    measured, rows = errors(evaluations, list(experiments), split), []
     groups: dict[tuple[str, int], list[str]] = {}
     for name, experiment in experiments.items():
         groups.setdefault((experiment.input_label, experiment.grasps * experiment.touch), []).append(name)
     for (inputs, count), names in sorted(groups.items()):
-        look_ups = [name for name in names if experiments[name].strategy == "retrieval"]
+        look_ups = [name for name in names if not experiments[name].is_trained]
         models = [name for name in names if name not in look_ups]
         if not look_ups or not models:
             continue
         ours, theirs = (
-            min(part, key=lambda name: found.estimate([name], resamples=2).value) for part in (models, look_ups)
+            min(part, key=lambda name: measured.estimate([name], resamples=2).value) for part in (models, look_ups)
         )
-        row = {"input": inputs, "grasps": count, "experiment": ours, "method": experiments[ours].method.label}
-        row |= error_columns("error", found, ours, resamples) | error_columns("retrieval", found, theirs, resamples)
-        ratio = found.estimate([ours, theirs], lambda means: means[..., 0] / means[..., 1], resamples).within(0)
-        row |= interval_columns("ratio", ratio) | {"ratio_median": found.median([ours]) / found.median([theirs])}
-        rows.append(row | size_columns(found, ours))
-    return _finish(rows, split, found, " In parentheses beside the ratio: that of the medians.")
+        row: dict[str, Any] = {"input": inputs, "grasps": count, "experiment": ours}
+        row["method"] = experiments[ours].method.label
+        for label, name in {"error": ours, "retrieval": theirs}.items():
+            row |= error_columns(label, measured, name, resamples)
+        rows.append(row | ratio_columns("ratio", measured, ours, theirs, resamples) | size_columns(measured, ours))
+    return _finish(rows, split, measured, " In parentheses beside the ratio: that of the medians.")
 
 
 @products.table(selections="grasp_selection", on_request=True)
-def grasp_selection(selections: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+def grasp_selection(
+    selections: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Which grasp next: Chamfer distance (9000 times m²) after up to five grasps, chosen one by one among those stored:
     at random, the farthest from those before, where the model's correction is most uncertain, and by an oracle, which
     takes the one that leaves the least error. `left`: the share of the first error after the last. Cited rows are of
@@ -221,21 +237,20 @@ def grasp_selection(selections: Frame, experiments: Experiments, split="test", r
 
     selections: rows of `rows.read` with `SELECTION_COLUMNS`. A run with 20 grasps an object gives a choice.
     """
-    found, chosen = selection_errors(selections, experiments, split)
+    measured, chosen = selection_errors(selections, experiments, split)
     rows = []
     for (name, strategy), keys in chosen.items():
         experiment = experiments[name]
         row: dict[str, Any] = {"source": "measured", "method": experiment.method.label}
         row |= {"input": experiment.input_label, "strategy": strategy}
         for count, key in keys.items():
-            row |= error_columns(f"grasps_{count}", found, key, resamples)
+            row |= error_columns(f"grasps_{count}", measured, key, resamples)
         first, *_, last = keys.values()
-        left = found.estimate([last, first], lambda means: means[..., 0] / means[..., 1], resamples).within(0)
-        row |= interval_columns("left", left) | {"left_median": found.median([last]) / found.median([first])}
-        rows.append(row | size_columns(found, *keys.values()))
+        row |= ratio_columns("left", measured, last, first, resamples)
+        rows.append(row | size_columns(measured, *keys.values()))
     cited = paper_values("grasp_selection")[["source", "strategy", "left"]].to_dict("records")
     note = f" Chosen among {selections['stored'].max()} stored grasps. Beside `left`: the ratio of the medians."
-    return _finish([*rows, *cited], split, found, note)
+    return _finish([*rows, *cited], split, measured, note)
 
 
 @products.table(files=("trainings",), on_request=True)
@@ -245,6 +260,8 @@ def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str,
 
     points: of `palpate.learning.tuning.grid`; trainings: the `training.json` of each.
     """
+    from pandas import DataFrame as Frame
+
     table = Frame(summary(points, trainings))
     machines = ", ".join(sorted({training["machine"]["found"] for training in trainings}))
     validated = trainings[0]["validated"]
@@ -254,11 +271,11 @@ def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str,
 
 def setups(experiments: Experiments) -> dict[tuple[str, str], dict[int, str]]:
     """Experiments by their method and inputs: (method, input) -> {number of grasps: name}, in the order given."""
-    found: dict[tuple[str, str], dict[int, str]] = {}
+    by_setup: dict[tuple[str, str], dict[int, str]] = {}
     for name, experiment in experiments.items():
         key = experiment.method.label, experiment.input_label
-        found.setdefault(key, {})[experiment.grasps] = name
-    return found
+        by_setup.setdefault(key, {})[experiment.grasps] = name
+    return by_setup
 
 
 def _inputs(experiment: Experiment) -> dict[str, str]:
@@ -269,16 +286,16 @@ def _inputs(experiment: Experiment) -> dict[str, str]:
 
 def _errors_by_class(table: str, evaluations: Frame, experiments: Experiments, split: str, resamples: int) -> Frame:
     """A row an experiment: its errors by class and on average, beside the paper's of a table."""
-    found = errors(evaluations, list(experiments), split)
+    measured = errors(evaluations, list(experiments), split)
     published = paper_values(table).set_index(["experiment", "class"])["value"]
     rows = [
         {"experiment": name, **_inputs(experiment)}
-        | _by_class(found, name, experiment.stated_as, published, resamples)
-        | size_columns(found, name)
+        | _by_class(measured, name, experiment.stated_as, published, resamples)
+        | size_columns(measured, name)
         | {"weights": experiment.weights}
         for name, experiment in experiments.items()
     ]
-    return _finish(rows, split, found, STEPS_NOTE + COMMUNICATION_NOTE)
+    return _finish(rows, split, measured, STEPS_NOTE + COMMUNICATION_NOTE)
 
 
 def touch_errors(touches: Frame, split: str) -> Errors:
@@ -325,42 +342,45 @@ def selection_errors(
     return errors(named, [key for keys in chosen.values() for key in keys.values()], split, key="key"), chosen
 
 
-def _by_class(found: Errors, name: str, stated: str, published: pd.Series, resamples: int) -> dict[str, float]:
+def _by_class(measured: Errors, name: str, stated: str, published: Series, resamples: int) -> dict[str, float]:
     """An experiment's measured columns and the published ones of the experiment `stated`: each class, then the average
     with its median, and how far two seeds differ in it."""
-    row = {}
-    for label in found.class_names:
-        row |= interval_columns(label, found.of_class(label).estimate([name], resamples=resamples))
+    row: dict[str, float] = {}
+    for label in measured.class_names:
+        row |= measured.of_class(label).estimate([name], resamples=resamples).columns(label)
         row[f"{label}_paper"] = published.get((stated, label), np.nan)
-    row |= error_columns(AVERAGE, found, name, resamples)
+    row |= error_columns(AVERAGE, measured, name, resamples)
     row[f"{AVERAGE}_paper"] = published.get((stated, AVERAGE), np.nan)
-    return row | {"between_seeds": found.between_seeds([name])}
+    return row | {"between_seeds": measured.between_seeds([name])}
 
 
-def error_columns(label: str, found: Errors, name: str, resamples: int, scale: float = 1.0) -> dict[str, float]:
+def error_columns(label: str, measured: Errors, name: str, resamples: int, scale: float = 1.0) -> dict[str, float]:
     """The columns of an experiment's average, times `scale`: with its interval, and its median over objects."""
-    estimate = Estimate(*(scale * number for number in found.estimate([name], resamples=resamples)))
-    return interval_columns(label, estimate) | {f"{label}_median": scale * found.median([name])}
+    columns = measured.estimate([name], resamples=resamples).columns(label, scale)
+    return columns | {f"{label}_median": scale * measured.median([name])}
 
 
-def interval_columns(label: str, estimate: Estimate) -> dict[str, float]:
-    """The columns of a number and its interval."""
-    return {label: estimate.value, f"{label}_low": estimate.low, f"{label}_high": estimate.high}
+def ratio_columns(label: str, measured: Errors, one: str, other: str, resamples: int) -> dict[str, float]:
+    """The columns of one experiment's average over another's: with its interval, and the ratio of the medians."""
+    columns = measured.estimate([one, other], ratio, resamples).within(0).columns(label)
+    return columns | {f"{label}_median": measured.median([one]) / measured.median([other])}
 
 
-def size_columns(found: Errors, *names: str) -> dict[str, Any]:
+def size_columns(measured: Errors, *names: str) -> dict[str, Any]:
     """Columns with the data behind a row's numbers: objects, seeds, steps."""
-    low = min(found.steps[name][0] for name in names)
-    high = max(found.steps[name][1] for name in names)
+    low = min(measured.steps[name][0] for name in names)
+    high = max(measured.steps[name][1] for name in names)
     return {
-        "objects": len(found.objects),
-        "seeds": max(len(found.values[name]) for name in names),
+        "objects": len(measured.objects),
+        "seeds": max(len(measured.values[name]) for name in names),
         "steps": str(low) if low == high else f"{low} to {high}",
     }
 
 
 def frame_of(rows: list[dict], classes: Iterable[str]) -> Frame:
     """The rows as a table, without the paper's columns if none of the classes is the paper's."""
+    from pandas import DataFrame as Frame
+
     return without_paper(Frame(rows), classes).astype({"objects": "Int64", "seeds": "Int64"})
 
 
@@ -372,18 +392,18 @@ def intervals_note(seeds: int) -> str:
 
 
 def _finish(
-    rows: list[dict], split: str, found: Errors, note: str, decimals: int | None = 3, exact: dict | None = None
+    rows: list[dict], split: str, measured: Errors, note: str, decimals: int | None = 3, exact: dict | None = None
 ) -> Frame:
     """The frame, with its note and how its numbers are printed; no columns of values that nobody states."""
-    table = frame_of(rows, found.class_names)
+    table = frame_of(rows, measured.class_names)
     sparse = [name for name in table if name.endswith(("_paper", "between_seeds", "weights"))]
     table = table.drop(columns=[name for name in sparse if table[name].isna().all()])
-    classes = ", ".join(f"{np.sum(found.classes == name)} {name}" for name in found.class_names)
-    seeds = max(map(len, found.values.values()))
+    classes = ", ".join(f"{np.sum(measured.classes == name)} {name}" for name in measured.class_names)
+    seeds = max(map(len, measured.values.values()))
     medians = MEDIANS_NOTE * any(name.endswith("_median") for name in table)
-    papers = f"; the paper: {PAPER_OBJECTS[split]}" if has_papers_classes(found.class_names) else ""
+    papers = f"; the paper: {PAPER_OBJECTS[split]}" if has_papers_classes(measured.class_names) else ""
     table.attrs["note"] = (
-        f"This run: {len(found.objects)} objects of the {split} split ({classes}){papers}.{note} "
+        f"This run: {len(measured.objects)} objects of the {split} split ({classes}){papers}.{note} "
         f"{intervals_note(seeds)}{medians}"
     )
     table.attrs |= {"decimals": decimals, "exact": exact or {}}

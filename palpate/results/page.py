@@ -1,15 +1,18 @@
 """What the figures share: their look, and files whose bytes depend on the data only."""
 
-import textwrap
-from collections.abc import Sequence
-from pathlib import Path
+from __future__ import annotations
 
-import matplotlib.style
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.textpath import TextPath
-from PIL import Image
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from PIL.Image import Image
 
 DPI = 130
 INK, FAINT, PALE = "#222222", "#777777", "#bdbdbd"
@@ -18,15 +21,27 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F
 TITLE, LABEL = 11, 8.5  # points
 LINE = 0.17  # inches, of a line of either
 # Not the user's: a figure is the same everywhere. DejaVu Sans comes with matplotlib.
-STYLE = ["default", {"font.family": "DejaVu Sans", "text.color": INK, "axes.titlecolor": INK}]
+STYLE = {"font.family": "DejaVu Sans", "text.color": INK, "axes.titlecolor": INK}
 
-styled = matplotlib.style.context(STYLE)  # a decorator
+
+@contextmanager
+def _style() -> Iterator[None]:
+    import matplotlib.style
+
+    with matplotlib.style.context(("default", STYLE)):
+        yield
+
+
+styled = _style()  # a decorator of what draws
 
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure of a size in inches; needs no display, and is not kept by pyplot."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width, height), dpi=DPI)
-    FigureCanvasAgg(figure)
+    FigureCanvasAgg(figure)  # which draws it
     return figure
 
 
@@ -55,6 +70,8 @@ def _most_breaks(texts: Sequence[str]) -> int:
 
 def wrapped(text: str, inches: float, size: float) -> str:
     """A text in lines that are at most so wide, in points `size` of the figures' font."""
+    from matplotlib.textpath import TextPath
+
     lines = []
     for line in text.split("\n"):
         width = TextPath((0, 0), line, size=size).get_extents().width / 72 if line.strip() else 0
@@ -70,10 +87,31 @@ def save(figure: Figure, path: Path | str) -> None:
     figure.savefig(path, format="png", dpi=figure.dpi, metadata={"Software": None})
 
 
-def figure_image(figure: Figure) -> Image.Image:
+def figure_image(figure: Figure) -> Image:
     """A figure as an image, RGB."""
-    figure.canvas.draw()
-    return Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+
+def next_page(figure: Figure) -> Image:
+    """A page of an animation, RGB: the figure as it is. Its pictures are then removed, and its layout stays."""
+    page = figure_image(figure)
+    figure.set_layout_engine("none")  # all pages are laid out as the first is
+    for panel in figure.axes:
+        panel.images[0].remove()
+    return page
+
+
+def save_animation(pages: Sequence[Image], path: Path | str, pause: int, rest: int) -> None:
+    """Write pages as a GIF that repeats; pause, rest: ms that a page is shown, and the last one."""
+    palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
+    first, *others = (page.quantize(palette=palette) for page in pages)
+    times = [pause] * len(others) + [rest]
+    first.save(path, "GIF", save_all=True, append_images=others, duration=times, loop=0, optimize=True)
 
 
 @styled

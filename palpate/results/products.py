@@ -10,21 +10,23 @@ decorator's values (`Product`) say what it reads. Its parameters get what is rea
 `workflow/scripts/product.py`; a figure also gets the `path` to write to. Inputs, params, captions and targets of the
 workflow follow from this.
 
-Declarations are read from the source, without importing it, so that the workflow's start loads no pandas, matplotlib,
-torch or Blender. Their values are therefore literals.
+The workflow's start imports all modules of this package for their declarations. pandas, matplotlib, torch, Blender and
+`palpate.dataset` are therefore imported in functions.
 """
 
-import ast
 import importlib
+import inspect
+import pkgutil
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from palpate.configuration import read_yaml
 from palpate.experiments import SPLITS, Comparison, Experiment
+from palpate.results.page import styled
 from palpate.results.published import paper_rows, terms
 from palpate.stages import STAGES
 
@@ -32,7 +34,6 @@ Function = TypeVar("Function", bound=Callable)
 FOLDER = Path(__file__).parent
 FILES = ("touches", "touch_depth", "trainings")
 UNIONS = ("claims", "effects", "retrieval")  # sources of evaluations that are no table of config/experiments.yaml
-KINDS = {"products.table": "tables", "products.figure": "figures"}  # decorator -> folder of the run
 CAPTIONS = read_yaml(FOLDER / "captions.yaml")  # of reports, which `studies` makes, and for tables with intervals
 
 
@@ -41,8 +42,7 @@ class Product:
     """One table or figure, as its decorator declares it.
 
     Attributes:
-        kind: `tables` or `figures`. module, function: where its function is. parameters: of the function.
-        caption: first paragraph of its docstring.
+        kind: `tables` or `figures`, its folder in the run. function: what gives the table, or draws the figure.
         name: by default the function's; `{class_name}` or `{model}` in it stands for each class of the run, or each
             model whose layers the paper lists. The caption may have the same field.
         evaluations, rings, selections: whose evaluations it reads, over all surfaces, in rings around touches, and
@@ -60,10 +60,7 @@ class Product:
     """
 
     kind: str
-    module: str
-    function: str
-    parameters: tuple[str, ...]
-    caption: str
+    function: Callable[..., Any]
     name: str
     evaluations: str = ""
     rings: str = ""
@@ -78,9 +75,21 @@ class Product:
     on_request: bool = False
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a stage or a file that there is not."""
+        """Raises ValueError for a stage or a file that there is not, and for a function without a caption."""
         if unknown := {*self.stores} - {*STAGES} | {*self.files} - {*FILES}:
             raise ValueError(f"unknown {', '.join(sorted(unknown))}: stores are of {[*STAGES]}, files of {[*FILES]}")
+        if not self.caption:
+            raise ValueError("its docstring, whose first paragraph is the caption, is missing")
+
+    @property
+    def caption(self) -> str:
+        """The first paragraph of its function's docstring, in one line."""
+        return " ".join((inspect.getdoc(self.function) or "").split("\n\n")[0].split())
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of its function's parameters."""
+        return tuple(inspect.signature(self.function).parameters)
 
     @property
     def pattern(self) -> str:
@@ -97,52 +106,44 @@ class Product:
         """The splits that it needs objects of. tables: those of config/experiments.yaml."""
         return self.splits or ((tables[self.comparison].split,) if self.comparison in tables else ())
 
-    def load(self) -> Callable:
-        """Its function; imports the engines of its module."""
-        return getattr(importlib.import_module(f"palpate.results.{self.module}"), self.function)
+
+DECLARED: dict[tuple[str, str], Product] = {}  # by kind and name
 
 
 def table(**declaration: Any) -> Callable[[Function], Function]:
-    """Declares a function that gives a table (DataFrame), or one that draws a figure to `path`; keywords are attributes
-    of `Product`."""
-    return lambda function: function
+    """Declares a function that gives a table, a DataFrame. Keywords are attributes of `Product`.
+
+    Raises ValueError, naming file and line, for what `Product` does not have, and for a name that is another one's.
+    """
+    return partial(_declare, "tables", declaration)
 
 
-figure = table
+def figure(**declaration: Any) -> Callable[[Function], Function]:
+    """Declares a function that draws a figure to `path`, in the figures' style. Keywords and errors: of `table`."""
+    return lambda function: _declare("figures", declaration, styled(function))
+
+
+def _declare(kind: str, declaration: dict[str, Any], function: Function) -> Function:
+    if declaration.get("stores") == ("dataset",):
+        stores = (stage.name for stage in STAGES.values() if stage.in_dataset and not stage.asked_by)
+        declaration = declaration | {"stores": tuple(stores)}
+    try:
+        product = Product(kind, function, **{"name": function.__name__} | declaration)
+        if (kind, product.name) in DECLARED:
+            raise ValueError(f"there are two {kind} named {product.name}")
+    except (ValueError, TypeError) as error:
+        code = inspect.unwrap(function).__code__
+        raise ValueError(f"{code.co_filename}:{code.co_firstlineno}: {function.__name__}: {error}") from None
+    DECLARED[kind, product.name] = product
+    return function
 
 
 @cache
 def products() -> tuple[Product, ...]:
-    """The tables and figures, those of the dataset first, then by module, in the order of the source.
-
-    Raises ValueError, naming file and line, for a declaration that can't be read, has no caption, or has the name of
-    another one.
-    """
-    found = []
-    for path in sorted(FOLDER.glob("*.py")):
-        for function in ast.parse(path.read_text(encoding="utf-8")).body:
-            for decorator in getattr(function, "decorator_list", ()):
-                if kind := KINDS.get(ast.unparse(getattr(decorator, "func", decorator))):
-                    product = _product(kind, path, function, decorator)
-                    if any((each.kind, each.name) == (kind, product.name) for each in found):
-                        raise ValueError(f"{path}:{function.lineno}: there are two {kind} named {product.name}")
-                    found.append(product)
-    return tuple(sorted(found, key=lambda each: each.category))
-
-
-def _product(kind: str, path: Path, function: ast.FunctionDef, decorator: ast.Call) -> Product:
-    try:
-        declared = {each.arg: ast.literal_eval(each.value) for each in decorator.keywords}
-        caption = " ".join((ast.get_docstring(function) or "").split("\n\n")[0].split())
-        if not caption:
-            raise ValueError("its docstring, whose first paragraph is the caption, is missing")
-        parameters = tuple(each.arg for each in (*function.args.args, *function.args.kwonlyargs))
-        if declared.get("stores") == ("dataset",):
-            stores = (each.name for each in STAGES.values() if each.in_dataset and not each.asked_by)
-            declared["stores"] = tuple(stores)
-        return Product(kind, path.stem, function.name, parameters, caption, **{"name": function.name} | declared)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}:{function.lineno}: {function.name}: {error}") from None
+    """The tables and figures, those of the dataset first, then by module, in the order of the source."""
+    for module in pkgutil.iter_modules([str(FOLDER)]):
+        importlib.import_module(f"palpate.results.{module.name}")
+    return tuple(sorted(DECLARED.values(), key=lambda product: (product.category, product.function.__module__)))
 
 
 def find(kind: str, name: str) -> tuple[Product, dict[str, str]] | None:
@@ -158,10 +159,10 @@ def caption(kind: str, name: str) -> str:
     """The caption of a table, figure or report, with code between backticks; empty for an unknown name."""
     if kind == "reports":
         return CAPTIONS["reports"].get(name, "")
-    found = find(kind, name)
-    if not found:
+    named = find(kind, name)
+    if not named:
         return ""
-    product, fields = found
+    product, fields = named
     text = product.caption.format(**fields)
     has_intervals = product.comparison or product.evaluations or "touches" in product.files
     return f"{text} {CAPTIONS['intervals']}" if kind == "tables" and has_intervals else text
@@ -169,8 +170,8 @@ def caption(kind: str, name: str) -> str:
 
 def position(kind: str, name: str) -> tuple[int, str]:
     """What sorts names in the order of their products; unknown ones at the end, by name."""
-    found = find(kind, name)
-    return products().index(found[0]) if found else len(products()), name
+    named = find(kind, name)
+    return products().index(named[0]) if named else len(products()), name
 
 
 def needed_splits(experiment: Experiment, tables: Mapping[str, Comparison]) -> list[str]:

@@ -99,7 +99,7 @@ def claims(known: Collection[str] = ()) -> list[dict[str, Any]]:
     return [
         row | {"method": method.name, "stated": papers, "terms": own}
         for method, row, papers, own in _of_methods("claims", known, "experiments")
-        if method.name != "mean"
+        if method.claims
     ]
 
 

@@ -1,23 +1,24 @@
-"""The figure of reconstructions across modalities and numbers of grasps, rendered by Blender.
+"""The figure of reconstructions across modalities and numbers of grasps, rendered by Blender."""
 
-Import it before anything that loads embree (trimesh does), because it loads Blender.
-"""
+from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.vision import Mesh, Renderer, spheres  # isort: skip (Blender: before anything that loads embree)
 from palpate.camera import paper_camera
-from palpate.dataset import Dataset
-from palpate.dataset.reader import ObjectRecord
-from palpate.learning.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Reconstructor, Shape, of_object
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results import products
 from palpate.results.local_predictions import first_test_objects
-from palpate.results.page import picture_grid, save, save_sentence, styled
+from palpate.results.page import picture_grid, save, save_sentence
+from palpate.vision import Mesh, spheres
+
+if TYPE_CHECKING:
+    from palpate.dataset import Dataset, ObjectRecord
+    from palpate.learning.reconstruct import Shape
 
 # The models, the name of each over its columns, and the numbers of grasps in these.
 MODELS = {
@@ -38,7 +39,6 @@ MARGIN = 1.06  # of a row's window, times what is in it
     files=("touch_depth",),
     stores=("meshes", "surface", "touch", "vision"),
 )
-@styled
 def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Path | str, threads: int = 1) -> None:
     """The first test object of every class, not chosen, as the models of strategy `template` (ours) of this run
     reconstruct it: from its occluded or unoccluded image, alone and with the touches of one or more grasps, and from
@@ -51,6 +51,9 @@ def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Pa
 
     Raises what `Reconstructor` raises.
     """
+    from palpate.vision import Renderer  # isort: skip (Blender: before anything that loads embree)
+    from palpate.learning.reconstruct import Reconstructor, of_object
+
     records = first_test_objects(dataset)
     if not records:
         return save_sentence("No usable test object in this run", path)
@@ -67,12 +70,15 @@ def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Pa
         "ground\ntruth": [render(record, clay(record)) for record in records],
     }
     for name, (inputs, counts) in MODELS.items():
-        reconstructor = Reconstructor(models[name]) if name in models else None
-        for count in counts if reconstructor else ():
+        if name not in models:
+            continue
+        reconstructor = Reconstructor(models[name])
+        for count in counts:
             pictures = columns[f"{inputs}\n{count} grasp{'s' * (count > 1)}" if count else f"{inputs}\nalone"] = []
             for record in records:
-                image, touches, *rest = of_object(record, reconstructor.experiment, range(max(count, 1)))
-                pictures.append(render(record, coloured(reconstructor(image, touches[:count], *rest))))
+                inputs_of_one = of_object(record, reconstructor.experiment, range(max(count, 1)))
+                prediction = reconstructor(*inputs_of_one._replace(touches=record.grasps[:count]))
+                pictures.append(render(record, coloured(prediction)))
     figure, axes = picture_grid([record.name for record in records], list(columns), cell=1.3)
     for row, pictures in zip(axes, zip(*columns.values(), strict=True), strict=True):
         (left, top), (right, bottom) = window(pictures)
@@ -93,6 +99,8 @@ def window(pictures: Sequence[np.ndarray]) -> np.ndarray:
 
 def coloured(shape: Shape) -> Mesh:
     """A reconstruction with the charts of successful touches in another colour."""
+    from palpate.learning.reconstruct import TOUCH_COLOUR, VISION_COLOUR
+
     return Mesh(shape.vertices, shape.faces, np.where(shape.touch[:, None], TOUCH_COLOUR, VISION_COLOUR))
 
 
@@ -101,4 +109,4 @@ def clay(record: ObjectRecord) -> Mesh:
     if not (record.mesh / "visual.glb").exists():
         return spheres(record.points, POINT, CLAY, segments=1)
     mesh = load_visual(record.mesh)
-    return Mesh(mesh.vertices + OBJECT_POSITION, mesh.faces, CLAY)
+    return Mesh(mesh.vertices + OBJECT_POSITION, mesh.faces, np.array(CLAY))

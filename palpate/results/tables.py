@@ -9,34 +9,47 @@ A table is a DataFrame. Three entries of its `attrs` say how it is written:
     exact       column -> decimals, where a column has its own
 """
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-from tabulate import tabulate
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+from palpate.atomic import atomic_write
+from palpate.seal import MadeFrom
 
 MISSING = "–"
 ENDINGS = ("_low", "_high", "_median")  # of columns that share a cell with their number
 
 
-def write_table(table: pd.DataFrame, path: Path | str) -> None:
-    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex)."""
+def write_table(table: DataFrame, path: Path | str, made_from: MadeFrom | None = None) -> None:
+    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex).
+
+    made_from: as `palpate.atomic.atomic_write` takes it.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     float_format = "%.6g" if "decimals" in table.attrs else None
-    table.to_csv(path, index=False, lineterminator="\n", float_format=float_format)
-    path.with_suffix(".md").write_text(markdown(table), encoding="utf-8")
-    path.with_suffix(".tex").write_text(latex(table), encoding="utf-8")
+    forms = {
+        ".md": markdown(table),
+        ".tex": latex(table),
+        ".csv": table.to_csv(index=False, lineterminator="\n", float_format=float_format),
+    }
+    for suffix, text in forms.items():
+        with atomic_write(path.with_suffix(suffix), made_from) as partial:
+            partial.write_text(text, encoding="utf-8")
 
 
-def markdown(table: pd.DataFrame) -> str:
+def markdown(table: DataFrame) -> str:
     """The table in Markdown: numbers to the right, missing values as a dash; then its note."""
     cells = display(table).map(lambda cell: cell.replace("|", r"\|"))
     note = table.attrs.get("note")
     return _tabulated(table, cells, "pipe") + (f"\n\n{note}\n" if note else "\n")
 
 
-def latex(table: pd.DataFrame) -> str:
+def latex(table: DataFrame) -> str:
     """The table as a LaTeX tabular with the rules of package booktabs; then its note, as a comment."""
     cells = display(table).map(lambda cell: cell.replace(MISSING, "--"))
     text = _tabulated(table, cells, "latex_booktabs").replace(r"\^{}", r"\textasciicircum{}")
@@ -44,8 +57,10 @@ def latex(table: pd.DataFrame) -> str:
     return text + (f"\n% {note}\n" if note else "\n")
 
 
-def display(table: pd.DataFrame) -> pd.DataFrame:
+def display(table: DataFrame) -> DataFrame:
     """The table as it is read: every cell as text, each number with its interval in brackets and its median."""
+    import pandas as pd
+
     if "decimals" not in table.attrs:
         # Row by row, as tuples: each cell keeps the type of its column.
         rows = [[_text(value) for value in row] for row in table.itertuples(index=False)]
@@ -55,33 +70,37 @@ def display(table: pd.DataFrame) -> pd.DataFrame:
         if name.endswith(ENDINGS) and name.rsplit("_", 1)[0] in table:
             continue
         columns = [f"{name}{ending}" for ending in ("", *ENDINGS)]
-        if pd.api.types.is_float_dtype(table[name]):
-            numbers = zip(*(table.get(column, [math.nan] * len(table)) for column in columns), strict=True)
-            shown[name] = [_number(table, name, *each) for each in numbers]
+        if table[name].dtype.kind == "f":
+            cells = zip(*(table.get(column, [math.nan] * len(table)) for column in columns), strict=True)
+            shown[name] = [_number(table, name, *numbers) for numbers in cells]
         else:
             shown[name] = [_text(value) for value in table[name]]
     return pd.DataFrame(shown, dtype=object)
 
 
-def _tabulated(table: pd.DataFrame, cells: pd.DataFrame, form: str) -> str:
+def _tabulated(table: DataFrame, cells: DataFrame, form: str) -> str:
+    from tabulate import tabulate
+
     plain = "decimals" not in table.attrs
-    sides = ["right" if plain and pd.api.types.is_numeric_dtype(table[name]) else "left" for name in cells]
+    sides = ["right" if plain and table[name].dtype.kind in "biuf" else "left" for name in cells]
     header = [str(name).replace("_", " ") for name in cells]
     # Without rows tabulate has no columns to align.
     rows = cells.to_numpy().tolist() or [[""] * len(header)]
     return tabulate(rows, header, tablefmt=form, colalign=sides, disable_numparse=True)
 
 
-def _text(value) -> str:
+def _text(value: Any) -> str:
+    import pandas as pd
+
     return MISSING if pd.isna(value) else str(value)
 
 
-def _number(table: pd.DataFrame, name: str, *numbers: float) -> str:
+def _number(table: DataFrame, name: str, *numbers: float) -> str:
     """A number, its interval and its median with the table's decimals; with three significant digits where it has none.
 
     numbers: value, low, high, median; what is nan is left out."""
     decimals = table.attrs.get("exact", {}).get(name.removesuffix("_paper"), table.attrs["decimals"])
     form = ".3g" if decimals is None else f".{decimals}f"
-    value, low, high, median = (MISSING if pd.isna(number) else format(number, form) for number in numbers)
+    value, low, high, median = (MISSING if math.isnan(number) else format(number, form) for number in numbers)
     interval = "" if MISSING in (low, high) else f" [{low}, {high}]"
     return value + interval + ("" if median == MISSING else f" ({median})")

@@ -80,20 +80,19 @@ def apart(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def bounded_faces(solids: dict[str, Manifold]) -> dict[str, Manifold]:
     """Simplify where there are too many faces, then cut long edges, so that facets can bend."""
 
-    def each(solids, method, length):
-        changed = {name: getattr(solid, method)(length) for name, solid in solids.items()}
-        return changed, sum(solid.num_tri() for solid in changed.values())
+    def count(solids: dict[str, Manifold]) -> int:
+        return sum(solid.num_tri() for solid in solids.values())
 
     diagonal = float(np.linalg.norm(np.diff(bounds_of(solids.values()), axis=0)))
     tolerance = SLIVER * diagonal
-    simple, count = each(solids, "simplify", tolerance)
-    while count > SIMPLIFIED_FACES:
+    simple = {name: solid.simplify(tolerance) for name, solid in solids.items()}
+    while count(simple) > SIMPLIFIED_FACES:
         tolerance *= 2
-        simple, count = each(simple, "simplify", tolerance)
+        simple = {name: solid.simplify(tolerance) for name, solid in simple.items()}
     edge = EDGE * diagonal
-    refined, count = each(simple, "refine_to_length", edge)
+    refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
     for too_few in (True, False):
-        while count < FEWEST_FACES if too_few else count > MOST_FACES:
+        while count(refined) < FEWEST_FACES if too_few else count(refined) > MOST_FACES:
             edge *= SHORTER if too_few else LONGER
-            refined, count = each(simple, "refine_to_length", edge)
+            refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
     return refined

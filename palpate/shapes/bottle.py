@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.random import Generator
 from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
@@ -36,7 +37,7 @@ PAPER = 0.0005  # m that a label stands off the body
 PARAMETERS, STYLES = read("bottle", form(twist=8, warp=0.02, lean=0.05))
 
 
-def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """Body, top, handle and label by the parameters."""
     profile, section = outline(p)
     body = upright(profile, section)
@@ -105,7 +106,7 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
 
 
 def evenly_turning(profile: np.ndarray, count: int) -> np.ndarray:
-    """At most `count` rows of a profile (k, 2), closer where it curves, so that the facets turn alike."""
+    """Rows of a profile (k, 2), `count` at most, closer where it curves, so that the facets turn alike."""
     steps = np.diff(profile, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     turns = np.abs(np.diff(np.unwrap(arctan2(steps[:, 1], steps[:, 0]))))
@@ -129,9 +130,9 @@ def handle(p: SimpleNamespace, profile: np.ndarray, section: np.ndarray) -> Mani
     angle, radius = np.radians(p.handle_turn), p.slimness * p.height
     low, high = p.handle_low * p.height, p.handle_high * p.height
 
-    def surface(z):
+    def surface(z: float) -> float:
         ring = cut_at(profile, section, z)[0]
-        return np.linalg.norm(ring[np.argmax(np.cos(arctan2(ring[:, 1], ring[:, 0]) - angle))])
+        return float(np.linalg.norm(ring[np.argmax(np.cos(arctan2(ring[:, 1], ring[:, 0]) - angle))]))
 
     thick = p.handle_width * radius
     out = min(surface(low) + p.handle_reach * radius, 0.44 * p.height)
@@ -146,11 +147,11 @@ def screw_cap(radius: float, low: float, height: float, taper: float) -> Manifol
     return upright(profile, fluted(0.05, 36, 288))
 
 
-def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float) -> list[Part]:
+def top(p: SimpleNamespace, rng: Generator, neck: float, radius: float) -> list[Part]:
     """What closes the mouth, at the bottle's height."""
     # A cap stays narrower than the body, and a spout short enough that the bottle stands and is taller than wide.
     h, wide, tall = p.height, min(p.top_width * neck, 1.1 * radius), min(p.top_height * neck, 1.2 * radius)
-    cap_look = choose(rng, "plastic", [f"{each}-plastic" for each in ("white", "black", "red", "green", "blue")])
+    cap_look = choose(rng, "plastic", [f"{colour}-plastic" for colour in ("white", "black", "red", "green", "blue")])
     collar = screw_cap(wide, h - 0.6 * neck, 0.6 * neck + 0.4 * tall, p.top_taper)
     end = h + 0.4 * tall
     if p.top == "open":
@@ -206,7 +207,9 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
     return [Part(solid.rotate((0, 0, p.top_turn)), cap_look)]
 
 
-def trigger_head(p, rng, neck: float, reach: float, end: float, collar: Manifold, look: Material) -> list[Part]:
+def trigger_head(
+    p: SimpleNamespace, rng: Generator, neck: float, reach: float, end: float, collar: Manifold, look: Material
+) -> list[Part]:
     """A sprayer's head with nozzle and trigger, pointing to +y but for `top_turn`."""
     rise, slope = rng.uniform(0.5, 1.6) * neck, rng.uniform(-0.2, 0.3) * neck
     z, back = end + rise + neck, rng.uniform(0.8, 1.8) * neck

@@ -3,11 +3,14 @@
 Metres; a phone stands upright along z, its screen faces +x, its middle is near the origin.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.random import Generator
+from numpy.typing import ArrayLike
 
 from palpate.camera import rotation_about
 from palpate.shapes.assembly import Part
@@ -19,12 +22,13 @@ from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, 
 AXES = (2, 0)
 GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
-PROUD = 0.0002  # m that glass and keys stand off the shell
+Size = tuple[float, float, float]  # thickness, width and height, m
+PROUD, DEEP = 0.0002, 0.0012  # m that glass and keys stand off the shell, and are let into it
 
 PARAMETERS, STYLES = read("cellphone", form(stretch=0.12, taper=0.03, bend=9, warp=0.012, twist=2))
 
 
-def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """One panel, or two and what joins them."""
     height, width, thickness = p.height, p.width * p.height, p.thickness * p.height
     look = choose(rng, "shell", metallic=rng.choice([0.0, 0.0, 0.6]), roughness=rng.uniform(0.25, 0.5))
@@ -69,17 +73,19 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     return [*lid, *base, Part(pin, Material("hinge", (60, 60, 64), 0.6, 0.4))]
 
 
-def moved(parts: list[Part], rotation: np.ndarray, shift) -> list[Part]:
+def moved(parts: list[Part], rotation: np.ndarray, shift: ArrayLike) -> list[Part]:
     """Parts turned by a matrix (3, 3), then shifted (3,); pictures move with them."""
     frame = np.column_stack([rotation, shift])
 
-    def uv(part: Part):
+    def uv(part: Part) -> Callable[[np.ndarray], np.ndarray]:
         return lambda vertices: part.uv((vertices - shift) @ rotation)
 
     return [Part(part.solid.transform(frame), part.material, uv(part)) for part in parts]
 
 
-def front(p, rng, size, look: Material, screen: bool, keys: bool, glass: str = "black-glass") -> list[Part]:
+def front(
+    p: SimpleNamespace, rng: Generator, size: Size, look: Material, screen: bool, keys: bool, glass: str = "black-glass"
+) -> list[Part]:
     """A panel of size (thickness, width, height) around the origin, with a screen or keys or both on its +x face."""
     thickness, width, height = size
     face, margin = thickness / 2, p.bezel * width
@@ -130,13 +136,17 @@ def disc(x: float, y: float, z: float, radius: float, towards: float, height: fl
     return turned(profile, (x, y, z), (towards, 0, 0), 48)
 
 
-def plate(x, y, z, width, height, corner=0.0004, out=PROUD, deep=0.0012) -> Manifold:
+def plate(
+    x: float, y: float, z: float, width: float, height: float, corner: float = 0.0004, out: float = PROUD
+) -> Manifold:
     """A rounded plate let into the face at x and standing out by `out`."""
     corner = min(corner, 0.49 * width, 0.49 * height)
-    return slab((deep + out, width, height), corner, min(0.0004, 0.4 * out), (x + (out - deep) / 2, y, z))
+    return slab((DEEP + out, width, height), corner, min(0.0004, 0.4 * out), (x + (out - DEEP) / 2, y, z))
 
 
-def keypad(p, face: float, low: float, high: float, width: float, rows: int, columns: int) -> list[Manifold]:
+def keypad(
+    p: SimpleNamespace, face: float, low: float, high: float, width: float, rows: int, columns: int
+) -> list[Manifold]:
     """Keys in a grid between two heights."""
     low = max(low, high - 0.85 * rows * width / columns)
     pitch_y, pitch_z = width / columns, (high - low) / rows
@@ -145,7 +155,7 @@ def keypad(p, face: float, low: float, high: float, width: float, rows: int, col
     return [plate(face, y, z, wide, tall, p.key_round * min(wide, tall), p.key_out) for y, z in spots]
 
 
-def navigation(p, face: float, z: float, width: float, tall: float) -> list[Manifold]:
+def navigation(p: SimpleNamespace, face: float, z: float, width: float, tall: float) -> list[Manifold]:
     """A direction pad with its middle key, and soft keys beside it."""
     radius = min(0.5 * tall, 0.2 * width)
     if p.navigation == "round":
@@ -156,7 +166,7 @@ def navigation(p, face: float, z: float, width: float, tall: float) -> list[Mani
     return [*pad, *(plate(face, s * 0.36 * width, z, 0.22 * width, radius, 0.3 * radius, p.key_out) for s in (-1, 1))]
 
 
-def back(p, rng, thickness: float, width: float, height: float) -> list[Part]:
+def back(p: SimpleNamespace, rng: Generator, thickness: float, width: float, height: float) -> list[Part]:
     """Camera and battery on a panel's -x face."""
     face, lens, rise = -thickness / 2, p.lens * width, p.rise * width
     parts = []
@@ -171,11 +181,12 @@ def back(p, rng, thickness: float, width: float, height: float) -> list[Part]:
         return parts
     side, top = rng.uniform(-0.3, 0.3) * width, 0.5 * height - rng.uniform(2.6, 3.4) * lens
     islands = {"square": (4.6, 4.6), "pill": (2.6, 6.6), "bar": (0.94 * width / lens, 2.8), "disc": (6, 6)}
-    spots = {
+    places: dict[str, list[tuple[float, float]]] = {
         "single": [(0, 0)], "square": [(-1.1, 1.1), (-1.1, -1.1), (1.1, 0)], "pill": [(0, 2), (0, 0), (0, -2)],
         "bar": [(-2.4, 0), (0, 0), (2, 0)], "disc": [(1.3, 1.3), (1.3, -1.3), (-1.3, 1.3), (-1.3, -1.3)],
         "lenses": [(0, 1), (0, -1.4)],
-    }[p.camera]  # fmt: skip
+    }  # fmt: skip
+    spots = places[p.camera]
     wide, tall = islands.get(p.camera, (2.6, 2.6))
     side = 0 if p.camera == "bar" else np.clip(side, -0.47 * width + wide * lens / 2, 0.47 * width - wide * lens / 2)
     top = min(top, 0.48 * height - tall * lens / 2)
@@ -184,13 +195,13 @@ def back(p, rng, thickness: float, width: float, height: float) -> list[Part]:
         island = island.translate((face - (rise - 0.002) / 2, side, top))
         parts.append(Part(island, Material("island", choose(rng, "shell").colour, 0.3, 0.3)))
     else:
-        islands = [disc(face, side + y * lens, top + z * lens, 1.2 * lens, -1, rise) for y, z in spots]
-        parts.append(Part(union(islands), Material("island", (40, 40, 44), 0.5, 0.3)))
+        rims = [disc(face, side + y * lens, top + z * lens, 1.2 * lens, -1, rise) for y, z in spots]
+        parts.append(Part(union(rims), Material("island", (40, 40, 44), 0.5, 0.3)))
     lenses = [disc(face - rise, side + y * lens, top + z * lens, 0.85 * lens, -1, 0.0008) for y, z in spots]
     return [*parts, Part(union(lenses), LENS)]
 
 
-def trim(p, rng, size, look: Material) -> list[Part]:
+def trim(p: SimpleNamespace, rng: Generator, size: Size, look: Material) -> list[Part]:
     """Side buttons, antenna and bumpers of a panel."""
     thickness, width, height = size
     share, tall = rng.uniform(-0.1, 0.35, 3) * height, rng.uniform(0.05, 0.13, 3) * height

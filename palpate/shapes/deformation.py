@@ -13,7 +13,9 @@ from palpate.shapes.parameters import Range
 WAVES, PERIODS = 4, 0.8
 
 
-def form(stretch=0.0, taper=0.0, twist=0.0, warp=0.0, bend=0.0, lean=0.0) -> dict[str, Range]:
+def form(
+    stretch: float = 0, taper: float = 0, twist: float = 0, warp: float = 0, bend: float = 0, lean: float = 0
+) -> dict[str, Range]:
     """The group of parameters that `deformed` takes, each between minus and plus its bound (warp: 0 and its bound)."""
     meaning = "{} changes of scale along the axis, densest to widest, around 1"
     return {

@@ -4,10 +4,13 @@ Metres; the long axis is y with the tip towards +y, the edge faces -z, the flat 
 y = 0, its handle lies at y < 0 around z = 0.
 """
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.random import Generator
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
@@ -21,11 +24,12 @@ AXES = (1, 2)
 EDGE = 0.0004
 POINT = 0.0012  # m, height of a blade at its very tip
 STATIONS = 90  # along a blade
+Line = Callable[[ArrayLike], np.ndarray]  # heights z at shares of a length
 
 PARAMETERS, STYLES = read("knife", form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04))
 
 
-def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """Blade, handle, guard and pommel by the parameters."""
     tall, wide = p.tall * p.grip, p.wide * p.tall * p.grip
     cutting = blade(p)
@@ -91,7 +95,9 @@ def blade(p: SimpleNamespace) -> Manifold:
     return cut(solid, tools) + tang
 
 
-def ground(y, spine, edge, thickness, bevel: float = 0.5, double: bool = False) -> Manifold:
+def ground(
+    y: np.ndarray, spine: np.ndarray, edge: np.ndarray, thickness: np.ndarray, bevel: float = 0.5, double: bool = False
+) -> Manifold:
     """A blade along y.
 
     y, spine, edge: (k,) positions, heights z of the back and of the edge; thickness: (k,) at the back; bevel: share
@@ -111,10 +117,10 @@ def ground(y, spine, edge, thickness, bevel: float = 0.5, double: bool = False) 
     return loft(np.stack([np.stack([x, y, z], -1) for x, z in outline], axis=1))
 
 
-def handle(p: SimpleNamespace, tall: float, wide: float):
+def handle(p: SimpleNamespace, tall: float, wide: float) -> tuple[Manifold, Line]:
     """The handle behind y = 0, and its middle line: height z at a share of its length."""
 
-    def centre(share):
+    def centre(share: ArrayLike) -> np.ndarray:
         return -p.sag * p.grip * np.asarray(share) ** 2
 
     s, heights = np.linspace(0, 1, 100), [0.9 * p.neck, p.neck, p.palm, p.waist, p.butt, 0.75 * p.butt]
@@ -124,7 +130,7 @@ def handle(p: SimpleNamespace, tall: float, wide: float):
     return along_y(stations[::-1], p.squareness, 90, 80), centre
 
 
-def guard(p: SimpleNamespace, tall: float, wide: float, centre) -> list[Manifold]:
+def guard(p: SimpleNamespace, tall: float, wide: float, centre: Line) -> list[Manifold]:
     """What is between handle and blade."""
     thick, reach = p.guard_thick * tall, p.reach * tall
     if p.guard == "none":
@@ -143,7 +149,7 @@ def guard(p: SimpleNamespace, tall: float, wide: float, centre) -> list[Manifold
     return [bar, bent_bar(path, 0.03, 0.7 * wide, 0.35 * thick, 2.5, 28)]
 
 
-def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: float, centre) -> list[Manifold]:
+def pommel(p: SimpleNamespace, rng: Generator, tall: float, wide: float, centre: Line) -> list[Manifold]:
     """What is at the end of the handle."""
     size, end = p.pommel_size * tall / 2, float(centre(1))
     if p.pommel == "none" or (p.pommel == "tool" and p.fold == 0):

@@ -1,9 +1,11 @@
 """Colours and pictures of the procedural objects."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.random import Generator
 from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.material import PBRMaterial
 
@@ -16,11 +18,11 @@ PALETTES = read_yaml(Path(__file__).with_name("palettes.yaml"))
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A physically based material: sRGB colour 0-255, metallic and roughness 0-1, and a picture instead of the
+    """A physically based material: sRGB colour (3,) 0-255, metallic and roughness 0-1, and a picture instead of the
     colour."""
 
     name: str
-    colour: tuple[int, int, int]
+    colour: tuple[int, ...]
     metallic: float = 0.0
     roughness: float = 0.5
     picture: Image.Image | None = None
@@ -38,20 +40,27 @@ class Material:
         )
 
 
-def choose(rng: np.random.Generator, palette: str, names=None, metallic=None, roughness=None) -> Material:
+def choose(
+    rng: Generator,
+    palette: str,
+    names: Sequence[str] = (),
+    metallic: float | None = None,
+    roughness: float | None = None,
+) -> Material:
     """One of a palette's colours (or of `names` in it), a little lighter or darker, a little shifted."""
-    found = PALETTES[palette]
-    metallic = found["metallic"] if metallic is None else metallic
-    roughness = found["roughness"] if roughness is None else roughness
-    roughness = rng.uniform(*roughness) if isinstance(roughness, list) else roughness
-    names = list(found["colours"]) if names is None else names
+    colours = PALETTES[palette]["colours"]
+    metallic = PALETTES[palette]["metallic"] if metallic is None else metallic
+    if roughness is None:
+        roughness = PALETTES[palette]["roughness"]
+        roughness = rng.uniform(*roughness) if isinstance(roughness, list) else roughness
+    names = names or list(colours)
     name = names[rng.integers(len(names))]
-    colour = np.array(found["colours"][name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
+    colour = np.array(colours[name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
     material = Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
     return grained(material, rng) if palette == "wood" else material
 
 
-def grained(base: Material, rng: np.random.Generator) -> Material:
+def grained(base: Material, rng: Generator) -> Material:
     """A material with the grain of wood as its picture, along the picture's width."""
     height, width = 96, 384
     v, u = np.mgrid[0:height, 0:width] / [[[height]], [[width]]]
@@ -70,7 +79,7 @@ BRANDS = ("AURELIA", "Northfell", "Casa Luma", "BRIO", "Old Mill", "Verde", "KEL
 GOODS = ("finest quality", "No. 7", "since 1894", "500 ml", "natural", "extra dry", "pure spring", "home made")
 
 
-def label(rng: np.random.Generator) -> Material:
+def label(rng: Generator) -> Material:
     """A printed label: ground, frame, emblem, two lines of text."""
     width, height = 320, 200
     paper = [(238, 232, 214), (246, 246, 244), (30, 40, 60), (150, 24, 30), (24, 92, 60), (230, 190, 60)]
@@ -96,7 +105,7 @@ def label(rng: np.random.Generator) -> Material:
     return Material("label", ground, 0.0, 0.6, picture)
 
 
-def interface(rng: np.random.Generator, aspect: float, old: bool = False) -> Material:
+def interface(rng: Generator, aspect: float, old: bool = False) -> Material:
     """A lit phone screen; aspect = height / width. `old`: a small, flat-coloured menu of a feature phone."""
     width = 180
     height = int(width * aspect)

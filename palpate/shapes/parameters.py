@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-import numpy as np
+from numpy.random import Generator
 
 from palpate.batch import generator
 from palpate.configuration import read_yaml
@@ -39,16 +39,17 @@ Styles = dict[str, Mapping[str, list[float] | str]]
 
 def read(class_name: str, form: Mapping[str, Range]) -> tuple[Parameters, Styles]:
     """Parameters and styles of a class, from its YAML file; form: the last group (`palpate.shapes.deformation`)."""
-    found = _file(class_name)
+    content = _file(class_name)
     groups = {
         group: {name: (Range if len(values) == 4 else Choice)(*values) for name, values in parameters.items()}
-        for group, parameters in found["parameters"].items()
+        for group, parameters in content["parameters"].items()
     }
-    return groups | {"form": form}, found["styles"]
+    return groups | {"form": form}, content["styles"]
 
 
 @cache
 def _file(class_name: str) -> dict[str, Any]:
+    """What the YAML file of a class holds. Raises ValueError for an unknown class."""
     if class_name not in CLASSES:
         raise ValueError(f"unknown procedural class {class_name!r}: choose from {', '.join(CLASSES)}")
     return read_yaml(Path(__file__).with_name(f"{class_name}.yaml"))
@@ -64,7 +65,7 @@ def style(class_name: str, index: int, seed: int = 0) -> str:
     return style_and_rng(class_name, index, seed)[0]
 
 
-def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, np.random.Generator]:
+def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, Generator]:
     """The style of an object, and what draws the rest of it."""
     names = styles(class_name)
     if index < 0:
@@ -73,22 +74,23 @@ def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, np.rando
     return names[rng.integers(len(names))], rng
 
 
-def draw(rng: np.random.Generator, style: str, parameters: Parameters, styles: Styles) -> SimpleNamespace:
+def draw(rng: Generator, style: str, parameters: Parameters, styles: Styles) -> SimpleNamespace:
     """A value of each parameter, as attributes.
 
     The first group is always drawn as in `style`; each other group is drawn as in a style that is chosen at random with
     the probability `EXCHANGE`.
     """
-    values, names = {}, list(styles)
+    values: dict[str, Any] = {}
+    names = list(styles)
     for position, group in enumerate(parameters.values()):
         other = names[rng.integers(len(names))]
         donor = other if position and rng.uniform() < EXCHANGE else style
         for name, parameter in group.items():
-            asked = styles[donor].get(name)
+            own: Any = styles[donor].get(name)
             if isinstance(parameter, Choice):
-                options = (asked or parameter.options).split()
+                options = (own or parameter.options).split()
                 values[name] = options[rng.integers(len(options))]
             else:
-                value = rng.uniform(*(asked or parameter[:2]))
+                value = rng.uniform(*(own or parameter[:2]))
                 values[name] = int(value) if parameter.unit == "count" else value
     return SimpleNamespace(**values)

@@ -9,6 +9,8 @@ from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.random import Generator
+from numpy.typing import ArrayLike
 
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
@@ -23,7 +25,7 @@ GLASS = Material("optic-glass", (60, 90, 140), 0.3, 0.05)
 PARAMETERS, STYLES = read("rifle", form(stretch=0.15))
 
 
-def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
     """All parts by the parameters, in one frame."""
     wooden = p.wood == "yes" and p.stock not in ("skeleton", "carbine")
     furniture, dark = choose(rng, "wood" if wooden else "polymer"), choose(rng, "dark metal")
@@ -44,12 +46,12 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     return [replace(part, solid=part.solid.scale((p.bulk, 1, p.bulk))) for part in parts]
 
 
-def plank(points, radii, thickness: float, edge: float) -> Manifold:
+def plank(points: ArrayLike, radii: ArrayLike, thickness: float, edge: float) -> Manifold:
     """A plate in y-z from corner points with fillets, its rim rounded."""
     return prism(filleted(points, radii, closed=True), thickness, edge)
 
 
-def receiver(p) -> Manifold:
+def receiver(p: SimpleNamespace) -> Manifold:
     """A block from y = 0, its top falling to the front, and a port on its right (-x)."""
     front, back = p.high * (1 - max(p.body_slope, 0)), p.high * (1 + min(p.body_slope, 0))
     points = [(0, -p.low), (0, back), (0.1 * p.receiver, p.high if p.body_slope < 0 else back)]
@@ -59,7 +61,7 @@ def receiver(p) -> Manifold:
     return block - box((0.01, 0.3 * p.receiver, 0.5 * p.high), (-p.body_width / 2, 0.55 * p.receiver, 0.3 * p.high))
 
 
-def barrels(p) -> list[Manifold]:
+def barrels(p: SimpleNamespace) -> list[Manifold]:
     """The barrel, and what lies along it."""
     start, length, thick, thin = p.receiver - 0.02, p.barrel + 0.02, p.bore, p.slim * p.bore
     profile = [(thick, 0), (thick, 0.15 * length), (0.5 * (thick + thin), 0.3 * length), (thin, length), (0, length)]
@@ -74,16 +76,16 @@ def barrels(p) -> list[Manifold]:
         return [tube, rod((0, p.receiver - 0.01, z), (0, end, z), 0.85 * thick), block]
     if p.second == "tube":
         z = -2.05 * thick
-        ring = [(end - 0.06 + at, z - 1.1 * thick, 1.15 * thick, 2.5 * thick) for at in (0, 0.015)]
-        ring = along_y(ring, 2.4, 3)
+        stations = [(end - 0.06 + at, z - 1.1 * thick, 1.15 * thick, 2.5 * thick) for at in (0, 0.015)]
+        ring = along_y(stations, 2.4, 3)
         return [tube, rod((0, p.receiver - 0.01, z), (0, end, z), 0.95 * thick), ring]
     shift = (0, 0, thick) if p.second == "over" else (thick, 0, 0)
     rib = box((0.006, p.barrel, 0.006), (0, p.receiver + p.barrel / 2, shift[2] + 0.95 * thick))
     return [tube.translate(shift), tube.translate(tuple(-c for c in shift)), rib]
 
 
-def muzzle(p, rng) -> list[Manifold]:
-    """At the end of the barrel: a flash hider, a brake with ports, or a suppressor."""
+def muzzle(p: SimpleNamespace, rng: Generator) -> list[Manifold]:
+    """The end of the barrel: a flash hider, a brake with ports, or a suppressor."""
     size, end, radius = p.muzzle_size, p.receiver + p.barrel, p.slim * p.bore
     tools = [rod((0, end, 0), (0, end + 0.4, 0), 0.55 * radius, segments=20)]
     if p.muzzle == "hider":
@@ -100,7 +102,7 @@ def muzzle(p, rng) -> list[Manifold]:
     return [cut(turned(filleted(profile, 0.0015), (0, end - 0.012, 0), (0, 1, 0), 64), tools)]
 
 
-def action(p) -> list[Manifold]:
+def action(p: SimpleNamespace) -> list[Manifold]:
     """A bolt with its handle, a charging handle, or a lever with its loop and a hammer."""
     if p.action == "bolt":
         path = filleted([(0, 0.03, 0), (-p.body_width, 0.026, -0.004), (-1.5 * p.body_width, 0.01, -0.03)], 0.015)
@@ -111,11 +113,11 @@ def action(p) -> list[Manifold]:
         inner, outer = ((share * p.body_width, 0.75 * p.receiver, 0.4 * p.high) for share in (-0.4, -1.2))
         return [rod(inner, outer, 0.0045, segments=20)]
     if p.action == "lever":
-        loop = [(0.06, 0.005), (0.052, -0.035), (0, -0.032), (-0.02, -0.02)]
-        loop += [(-0.045, -0.05), (-0.12, -0.05), (-0.13, -0.02), (-0.03, 0.005)]
+        outline = [(0.06, 0.005), (0.052, -0.035), (0, -0.032), (-0.02, -0.02)]
+        outline += [(-0.045, -0.05), (-0.12, -0.05), (-0.13, -0.02), (-0.03, 0.005)]
         spur = [(0, -0.01), (-0.014, 0.02), (-0.022, 0.026), (-0.018, 0.032), (0.004, 0.02), (0.006, -0.01)]
         hammer = plank(np.array(spur) + [0, 0.5 * p.high], 0.002, 0.008, 0.001)
-        loop = bent_bar([(0, y, z - p.low) for y, z in loop], 0.013, 0.012, 0.005, 3, 20)
+        loop = bent_bar([(0, y, z - p.low) for y, z in outline], 0.013, 0.012, 0.005, 3, 20)
         return [loop, hammer, trigger(0.05, -p.low, 0.045, 0.03)]
     return []
 
@@ -135,7 +137,7 @@ def pistol_grip(y: float, z: float, length: float, rake: float, depth: float) ->
     return sweep(path, superellipse(0.7 * depth, depth, 2.8, 64), scale)
 
 
-def stock(p) -> list[Manifold]:
+def stock(p: SimpleNamespace) -> list[Manifold]:
     """The butt stock, from the receiver's back to y = -stock_length."""
     end, heel, wide = -p.stock_length, -p.drop, p.stock_width
     toe, comb = heel - p.butt, max(heel, -0.004) + p.comb
@@ -163,8 +165,8 @@ def stock(p) -> list[Manifold]:
         return [plank(points, 0.012, 1.15 * p.body_width, 0.006)]
     low = -0.5 * p.low
     tube = rod((0, end + 0.01, low / 2), (0, 0.02, low / 2), 0.35 * p.low)
-    plate = [(end, heel), (end - 0.016, heel), (end - 0.016 - p.pitch, toe), (end - p.pitch, toe)]
-    plate = plank(plate, 0.007, wide, 0.004)
+    outline = [(end, heel), (end - 0.016, heel), (end - 0.016 - p.pitch, toe), (end - p.pitch, toe)]
+    plate = plank(outline, 0.007, wide, 0.004)
     if p.stock == "skeleton":
         strut = [(0, 0.01, -0.8 * p.low), (0, 0.5 * end, -0.8 * p.low - 0.1 * p.butt)]
         strut.append((0, end - 0.008 - p.pitch, toe + 0.02))
@@ -175,8 +177,8 @@ def stock(p) -> list[Manifold]:
     return [tube, plate, cut(plank(body, 0.008, 0.9 * wide, 0.007), [plank(hole, 0.006, 0.1, 0)])]
 
 
-def forend(p) -> list[Manifold]:
-    """Round the barrel, before the receiver."""
+def forend(p: SimpleNamespace) -> list[Manifold]:
+    """The fore-end round the barrel, before the receiver."""
     start, size = p.receiver - 0.005, max(p.forend_size, 1.25 * p.bore)
     end = p.receiver + p.forend_length * p.barrel
     drop = 2.1 * p.bore if p.second in ("tube", "over") else 0
@@ -194,10 +196,10 @@ def forend(p) -> list[Manifold]:
         return [along_y(stations, 2.6, 60, 64)]
     if p.forend == "pump":
         start, z = start + 0.3 * p.barrel, -2.05 * p.bore
-        wave = np.linspace(0, 1, 60)
-        radius = size * (1 - 0.06 * np.cos(2 * np.pi * 9 * wave)) * (1 - 0.1 * np.float_power(2 * wave - 1, 4))
-        profile = np.column_stack([radius, wave * max(0.08, 0.4 * (end - p.receiver))])
-        return [turned(profile, (0, start, z), (0, 1, 0), 64)]
+        share = np.linspace(0, 1, 60)
+        radius = size * (1 - 0.06 * np.cos(2 * np.pi * 9 * share)) * (1 - 0.1 * np.float_power(2 * share - 1, 4))
+        pump = np.column_stack([radius, share * max(0.08, 0.4 * (end - p.receiver))])
+        return [turned(pump, (0, start, z), (0, 1, 0), 64)]
     length = end - start
     if p.forend == "ribbed":
         at = np.arange(0.03, max(length - 0.015, 0.04), 0.014)
@@ -212,8 +214,8 @@ def forend(p) -> list[Manifold]:
     return [cut(body, slots), rod((0, start, 0), (0, end, 0), 0.7 * size)]
 
 
-def magazine(p) -> Manifold:
-    """Below the receiver: straight, bent forwards, or round."""
+def magazine(p: SimpleNamespace) -> Manifold:
+    """The magazine below the receiver: straight, bent forwards, or round."""
     length, depth, z = p.magazine_length, p.magazine_depth, 0.015 - p.low
     y = -0.3 * p.stock_length if p.bullpup == "yes" else 0.075 + 0.6 * depth + (p.magazine_place - 0.5) * p.receiver
     s = np.linspace(0, 1, 14)
@@ -235,8 +237,8 @@ def magazine(p) -> Manifold:
     return body + sweep(foot, superellipse(0.029, depth + 0.006, 6, 32))
 
 
-def sight(p, rng) -> list[Part]:
-    """Above the receiver: two irons, a telescope, a dot sight, a carrying handle, or nothing."""
+def sight(p: SimpleNamespace, rng: Generator) -> list[Part]:
+    """The sight above the receiver: two irons, a telescope, a dot sight, a carrying handle, or nothing."""
     size, y, top = p.sight_size, p.sight_place * p.receiver, 0.7 * p.high
     if p.sight == "none":
         return []
@@ -273,7 +275,7 @@ def sight(p, rng) -> list[Part]:
     return [Part(union([cut(body, cups), *feet, *knobs]), OPTIC), Part(union(lenses), GLASS)]
 
 
-def below(p) -> tuple[list[Manifold], Material]:
+def below(p: SimpleNamespace) -> tuple[list[Manifold], Material]:
     """What hangs below the barrel."""
     size, y = p.below_size, p.receiver + p.below_place * p.barrel
     z = -max(p.forend_size if p.forend_length > p.below_place and p.forend != "none" else 0, 0.8 * p.bore)

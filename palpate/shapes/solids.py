@@ -4,9 +4,11 @@ Metres. Every function returns a `manifold3d.Manifold`: a closed, outward-facing
 """
 
 import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from manifold3d import CrossSection, Manifold, Mesh64, OpType, triangulate
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 # NumPy's `**`, tangent and inverse functions round otherwise where the processor has AVX-512, and a union may order its
@@ -22,7 +24,7 @@ def arc_points(turn: float, radius: float) -> int:
     return max(3, int(np.ceil(turn / max(ARC_STEP, 2 * math.acos(max(1 - ARC_ERROR / radius, 0.6))))) + 1)
 
 
-def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False) -> np.ndarray:
+def filleted(points: ArrayLike, radii: ArrayLike, closed: bool = False) -> np.ndarray:
     """A polyline (n, 2) or (n, 3) with its corners rounded by tangent arcs; the ends of an open one stay.
 
     points: (k, 2) or (k, 3), the last row not a copy of the first; radii: (k,) or one for all, 0 keeps a corner sharp.
@@ -56,7 +58,7 @@ def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False
     return np.concatenate(result)
 
 
-def lathe(profile: np.ndarray, segments: int = 64) -> Manifold:
+def lathe(profile: ArrayLike, segments: int = 64) -> Manifold:
     """Revolve a profile around z: (k, 2) rows of (radius, z), a simple polyline whose ends are joined to the axis."""
     profile = np.asarray(profile, dtype=float)
     outline = np.concatenate([[[0.0, profile[0, 1]]], profile, [[0.0, profile[-1, 1]]]])
@@ -114,7 +116,9 @@ def superellipse(width: float, height: float, exponent: float = 2.0, count: int 
     return np.stack([width / 2 * radius * cosine, height / 2 * radius * sine], axis=1)
 
 
-def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=(0.0, 0.0, 0.0)) -> Manifold:
+def slab(
+    size: tuple[float, float, float], corner: float, fillet: float, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Manifold:
     """A plate standing in the y-z plane: size = (thickness along x, width along y, height along z).
 
     corner: radius of its outline, at least `fillet`, that of the rim around front and back.
@@ -125,7 +129,7 @@ def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=
     return prism(filleted(corners, max(corner, 1.1 * fillet), closed=True), thickness, fillet).translate(centre)
 
 
-def prism(outline: np.ndarray, thickness: float, edge: float = 0.0) -> Manifold:
+def prism(outline: ArrayLike, thickness: float, edge: float = 0.0) -> Manifold:
     """A plate in the y-z plane, centred on x = 0.
 
     outline: (k, 2) rows of (y, z); edge: radius that rounds the rim of both faces, smaller than the outline's convex
@@ -154,14 +158,12 @@ def inward_normals(outline: np.ndarray) -> np.ndarray:
     return 2 * mean / np.maximum((mean**2).sum(axis=1, keepdims=True), 1.0)
 
 
-def bent_bar(path, fillet: float, width: float, height: float, exponent: float, count: int) -> Manifold:
+def bent_bar(path: ArrayLike, fillet: float, width: float, height: float, exponent: float, count: int) -> Manifold:
     """A bar along a polyline (k, 3) with rounded corners; its section is a superellipse, `width` along x."""
     return sweep(filleted(path, fillet), superellipse(width, height, exponent, count))
 
 
-def sweep(
-    path: np.ndarray, section: np.ndarray, scale: np.ndarray | float | None = None, side=(1.0, 0.0, 0.0)
-) -> Manifold:
+def sweep(path: ArrayLike, section: np.ndarray, scale: ArrayLike = 1.0, side: ArrayLike = (1.0, 0.0, 0.0)) -> Manifold:
     """Move a section (m, 2) along a path (k, 3): its first coordinate along `side`, its second across both.
 
     scale: factors of the section, (k,), (k, 2) or one. The path must not run along `side`.
@@ -172,7 +174,7 @@ def sweep(
     across = np.cross(tangent, np.broadcast_to(side, path.shape))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     first = np.cross(across, tangent)
-    scale = np.ones((len(path), 2)) if scale is None else np.broadcast_to(np.asarray(scale, float).T, (2, len(path))).T
+    scale = np.broadcast_to(np.asarray(scale, dtype=float).T, (2, len(path))).T
     rings = (
         path[:, None]
         + first[:, None] * (section[None, :, :1] * scale[:, None, :1])
@@ -181,7 +183,7 @@ def sweep(
     return loft(rings)
 
 
-def along_y(stations: np.ndarray, exponent: float = 2.6, rings: int = 60, count: int = 40) -> Manifold:
+def along_y(stations: ArrayLike, exponent: float = 2.6, rings: int = 60, count: int = 40) -> Manifold:
     """A body whose long axis is y, through stations (k, 4) of (y, lowest z, highest z, width).
 
     Between stations the values follow monotone cubics (no overshoot); cross-sections are superellipses.
@@ -195,7 +197,7 @@ def along_y(stations: np.ndarray, exponent: float = 2.6, rings: int = 60, count:
     return loft(np.stack([x, np.broadcast_to(y[:, None], x.shape), z], axis=-1))
 
 
-def upright(profile: np.ndarray, section: np.ndarray) -> Manifold:
+def upright(profile: ArrayLike, section: np.ndarray) -> Manifold:
     """A body along z with a cross-section that is not round.
 
     profile: (k, 2) rows of (radius, z); section: (m, 2), or (k, m, 2) where it changes, for radius 1.
@@ -206,39 +208,39 @@ def upright(profile: np.ndarray, section: np.ndarray) -> Manifold:
     return loft(np.concatenate([flat, np.broadcast_to(profile[:, 1:, None], (*flat.shape[:2], 1))], axis=2))
 
 
-def fluted(depth: np.ndarray | float, flutes: int, count: int) -> np.ndarray:
+def fluted(depth: ArrayLike, flutes: int, count: int) -> np.ndarray:
     """(..., count, 2) unit circles with `flutes` grooves of relative `depth` (...): knurls, ribs, crown caps."""
     angle = 2 * np.pi * np.arange(count) / count
     radius = 1 - np.asarray(depth)[..., None] * (0.5 - 0.5 * np.cos(flutes * angle))
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
-def rod(start, end, radius: float, segments: int = 32) -> Manifold:
+def rod(start: ArrayLike, end: ArrayLike, radius: float, segments: int = 32) -> Manifold:
     """A cylinder from `start` to `end` (3,)."""
     axis = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
     side = np.eye(3)[np.argmin(np.abs(axis))]
     return sweep(np.array([start, end]), superellipse(2, 2, 2, segments), radius, side)
 
 
-def turned(profile: np.ndarray, start, direction, segments: int = 32) -> Manifold:
+def turned(profile: ArrayLike, start: ArrayLike, direction: ArrayLike, segments: int = 32) -> Manifold:
     """A lathed solid, its axis from `start` along `direction`; profile as in `lathe`, z along the axis."""
-    direction = np.asarray(direction, float) / np.linalg.norm(direction)
-    first = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
+    axis = np.asarray(direction, float) / np.linalg.norm(direction)
+    first = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
     first /= np.linalg.norm(first)
-    frame = np.column_stack([first, np.cross(direction, first), direction, np.asarray(start, float)])
+    frame = np.column_stack([first, np.cross(axis, first), axis, np.asarray(start, float)])
     return lathe(profile, segments).transform(frame)
 
 
-def box(size, centre=(0.0, 0.0, 0.0)) -> Manifold:
-    """An axis-aligned box."""
+def box(size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Manifold:
+    """An axis-aligned box: its lengths (3,) and its centre (3,)."""
     return Manifold.cube(tuple(map(float, size)), True).translate(tuple(map(float, centre)))
 
 
-def union(solids) -> Manifold:
+def union(solids: Iterable[Manifold]) -> Manifold:
     """The union of solids."""
     return Manifold.batch_boolean(list(solids), OpType.Add)
 
 
-def cut(solid: Manifold, tools) -> Manifold:
+def cut(solid: Manifold, tools: Iterable[Manifold]) -> Manifold:
     """`solid` without all of the `tools`."""
     return Manifold.batch_boolean([solid, *tools], OpType.Subtract)

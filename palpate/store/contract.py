@@ -20,7 +20,8 @@ from palpate.stages import STAGES, Stage
 #    not stored.
 # 4: stores did not state what they were made from.
 # 5: hands had no names and couplings of joints, and did not say which of their geoms collide.
-SCHEMA_VERSION = 6
+# 6: stores did not have a seal: an attribute or the HDF5 file's first bytes stated their files.
+SCHEMA_VERSION = 7
 # The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 
@@ -42,6 +43,7 @@ class ArraySpec:
     unit: str
     meaning: str
     optional: bool = False  # what a store that was not simulated here may lack
+    asked: bool = False  # optional, since only a config that asks for it has it
     dimensions: tuple[str, ...] = ()  # a name for each axis, as xarray takes it: `("object", "grasp", "sensor")`
 
     @property
@@ -58,6 +60,11 @@ class ArraySpec:
     def of_grasps(self) -> bool:
         """Whether the first two axes count the objects and the grasps of each."""
         return self.shape[:2] == ("o", "g")
+
+    @property
+    def of_presses(self) -> bool:
+        """Whether the first two axes count the objects and the presses of each."""
+        return self.shape[:2] == ("o", "t")
 
     @property
     def of_frames(self) -> bool:
@@ -123,7 +130,8 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
             fill="" if row["type"] == "string" else float(row["fill"]),
             unit=row["unit"],
             meaning=row["meaning"],
-            optional=row["optional"] == "yes",
+            optional=bool(row["optional"]),
+            asked=row["optional"] == "asked",
         )
         for row in rows
     }
@@ -132,11 +140,19 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
 CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.items() if stage.suffix}
 
 
-def arrays_by_name(of_grasps: bool, of_frames: bool = False) -> dict[str, tuple[str, ArraySpec]]:
-    """Stage and contract of the arrays with a row a frame, a grasp, or an object only, but for `object`."""
-    return {
-        spec.name: (stage, spec)
-        for stage, store in CONTRACT.items()
-        for spec in store.arrays.values()
-        if spec.of_objects and (spec.of_grasps, spec.of_frames) == (of_grasps, of_frames) and spec.name != "object"
-    }
+def arrays_by_name(
+    of_grasps: bool, of_frames: bool = False, of_presses: bool = False
+) -> dict[str, tuple[str, ArraySpec]]:
+    """Stage and contract of the arrays with a row a frame, a grasp, a press, or an object only, but for `object`.
+
+    Raises ValueError if two of them have one name: they are attributes of one record.
+    """
+    named: dict[str, tuple[str, ArraySpec]] = {}
+    kind = (of_grasps, of_frames, of_presses)
+    specs = [(stage, spec) for stage, store in CONTRACT.items() for spec in store.arrays.values()]
+    for stage, spec in specs:
+        if spec.of_objects and (spec.of_grasps, spec.of_frames, spec.of_presses) == kind and spec.name != "object":
+            other, _ = named.setdefault(spec.name, (stage, spec))
+            if other != stage:
+                raise ValueError(f"contract.csv: {other} and {stage} both have an array {spec.name!r}: rename one")
+    return named

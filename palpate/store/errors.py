@@ -1,20 +1,15 @@
 """The error of stores, and the messages that it has."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from palpate import checksums
 from palpate.rebuild_command import rebuild_advice
+from palpate.seal import DamagedFile
 
 
 class StoreError(ValueError):
     """A store, or arrays to be written, violate the contract; the message names the file."""
-
-
-def damaged(path: Path, lines: Iterable[str]) -> StoreError:
-    """The error about a store whose files are not as they were written; lines: what is wrong with which."""
-    return StoreError(f"{path} is damaged: {checksums.join_first(lines)}; {rebuild_advice(path)}")
 
 
 @contextmanager
@@ -24,5 +19,7 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except (StoreError, IndexError, PermissionError):  # not about what the file holds
         raise
+    except DamagedFile as error:
+        raise StoreError(str(error)) from None
     except Exception as error:
         raise StoreError(f"{path} can't be read ({type(error).__name__}: {error}); {rebuild_advice(path)}") from error

@@ -17,8 +17,8 @@ import palpate
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, write_rejections
 from palpate.configuration import ConfigError
-from palpate.provenance import Made
 from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.seal import MadeFrom, Seal, with_output
 from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 from palpate.store.errors import StoreError, reading
@@ -36,6 +36,7 @@ def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attrib
     arrays: exactly the contract's arrays, optional ones or not; a group that it allows is given as
     `hand/<name>`.
     attributes: those of the stage's `StoreSpec`, and what else JSON can hold; versions, units and frames are added.
+    Among them is `made_from` (`palpate.seal.combine`), which goes into the store's seal.
     The same arrays and attributes give the same bytes. Raises StoreError if a name, shape or type is wrong.
     """
     path = Path(path)
@@ -52,8 +53,8 @@ def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attrib
         name: _text(path, name, arrays[name]) if arrays[name].dtype.kind in "UO" else arrays[name]
         for name in [*filter(arrays.__contains__, spec.arrays), *sorted(set(arrays) - set(spec.arrays))]
     }
-    described = {**describe(spec), **attributes}
-    with atomic_write(path) as partial:
+    described = {key: value for key, value in {**describe(spec), **attributes}.items() if key != "made_from"}
+    with atomic_write(path, attributes["made_from"]) as partial:
         (write_zarr if path.suffix == ".zarr" else write_hdf5)(partial, spec, arrays, described)
 
 
@@ -73,10 +74,10 @@ def describe(spec: StoreSpec) -> dict[str, Any]:
 def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], optional: bool = True) -> None:
     """Raise StoreError, naming the first that is wrong, if names, shapes or types are not the contract's.
 
-    optional: whether the arrays that the contract calls so may be missing.
+    optional: whether the arrays that the contract calls so may be missing; those that a config asks for always may.
     """
     given = {name for name in headers if name.split("/")[0] not in spec.stage.groups}
-    needed = {name for name, array in spec.arrays.items() if not (optional and array.optional)}
+    needed = {name for name, array in spec.arrays.items() if not (array.optional and (optional or array.asked))}
     missing, unknown = sorted(needed - given), sorted(given - set(spec.arrays))
     if missing or unknown:
         raise StoreError(f"{path}: arrays of {spec.stage.name} missing: {missing}, unknown: {unknown}")
@@ -135,8 +136,7 @@ class Store:
             raise StoreError(f"{self.path} does not exist; build it with: {rebuild_command(self.path)}")
         with reading(self.path):
             self._files = ZarrFiles(self.path) if self.path.suffix == ".zarr" else Hdf5File(self.path)
-        self.attributes = self._files.attributes
-        version = self.attributes.get("schema_version")
+        version = self._files.attributes.get("schema_version")
         if version != SCHEMA_VERSION:  # of all stores of the run
             target = "/".join(self.path.parts[-2:])
             raise StoreError(
@@ -144,22 +144,19 @@ class Store:
                 "use the palpate that made it, or build the run again with: "
                 f"{rebuild_command(self.path, 'dataset', target)} --forceall"
             )
-        self._files.require_files()
+        with reading(self.path):
+            self._files.require_files()
+        self.attributes = {**self._files.attributes, "made_from": self.seal.made_from}
 
     def verify(self) -> None:
-        """Compare all files with their checksums. Raises StoreError, naming the first, if any is not as written."""
+        """Compare all files with the seal. Raises StoreError, naming the first, if any is not as written."""
         with reading(self.path):
             self._files.verify()
 
     @property
-    def digest(self) -> str:
-        """SHA-256 of what the store states of its files: other content has another digest."""
-        return self._files.digest
-
-    @property
-    def made(self) -> Made:
-        """What it holds and what it was made from, to compare with other stores."""
-        return Made(self.path, self.attributes["stage"], self.digest, self.attributes["made_from"])
+    def seal(self) -> Seal:
+        """What it holds and what it was made from, to compare with other outputs."""
+        return self._files.seal
 
     @cached_property
     def empty_reading(self) -> np.ndarray:
@@ -197,7 +194,8 @@ class Store:
         """
         with reading(self.path):
             array = self._files.array(name)
-            values = np.asarray((array[...] if isinstance(array, zarr.Array) else array)[index])
+            whole: Any = array[...] if isinstance(array, zarr.Array) else array
+            values = np.asarray(whole[index])
             if values.dtype.kind == "S":
                 return np.char.decode(values, "utf-8")
             return values.astype(str) if values.dtype == object else values
@@ -224,13 +222,14 @@ def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[st
     """The arrays of a batch, from the named arrays of each of its objects, in the contract's types.
 
     The arrays of the objects are stacked. Optional arrays that no object has are omitted. `object` is made here.
-    Axes of a batch without objects have length 0. Raises StoreError if objects have arrays of different shapes.
+    Axes of a batch without objects have length 0; it has no arrays that only a config asks for. Raises StoreError if
+    objects have arrays of different shapes.
     """
     arrays = {"object": np.array(list(records), dtype=str)}
     for name, spec in CONTRACT[stage].arrays.items():
         if not spec.of_objects or name == "object":
             continue
-        if spec.optional and records and not any(name in record for record in records.values()):
+        if (spec.asked or spec.optional and records) and not any(name in record for record in records.values()):
             continue
         rows = {key: np.asarray(record[name], dtype=spec.dtype) for key, record in records.items()}
         shapes = {row.shape: key for key, row in rows.items()}
@@ -247,7 +246,7 @@ def write_batch(
     stage: str,
     results: tuple[Mapping[str, Mapping[str, np.ndarray]], Iterable[Rejection]],
     seed: int,
-    made_from: Mapping[str, Any],
+    made_from: MadeFrom,
     more: Mapping[str, np.ndarray] = MappingProxyType({}),
     attributes: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
@@ -255,11 +254,12 @@ def write_batch(
 
     paths: of the store by the stage's name, as for `write`, and of the table (.csv) by `rejected`; results: as
     `palpate.batch.each_object` returns them, the objects' arrays as for `join`; made_from: see
-    `palpate.provenance.combine`; more: arrays of the batch; attributes: further ones that the stage's stores have.
+    `palpate.seal.combine`; more: arrays of the batch; attributes: further ones that the stage's stores have.
     Raises StoreError as `write` does.
     """
     records, rejections = results
-    with atomic_write(paths["rejected"], checksum=True) as partial:
+    with atomic_write(paths["rejected"], made_from) as partial:
         write_rejections(partial, rejections)
     arrays = {**join(stage, records), **more}
-    write(paths[stage], stage, arrays, {"seed": seed, "made_from": made_from, **attributes})
+    stated = {"seed": seed, "made_from": with_output(made_from, paths["rejected"]), **attributes}
+    write(paths[stage], stage, arrays, stated)

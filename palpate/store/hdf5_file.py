@@ -1,11 +1,10 @@
 """A store as one HDF5 file: `Hdf5File`, with the same methods as `palpate.store.zarr_files.ZarrFiles`.
 
-An array is one chunk with a checksum. The file's own checksum stands in its user block, which HDF5 skips, and is
-compared before HDF5 opens the file: of some damaged files it never returns. h5py takes 0.6 ms for a record, and a grasp
+An array is one chunk with a checksum. The file's seal stands in its user block, which HDF5 skips, and is compared
+before HDF5 opens the file: of some damaged files it never returns. h5py takes 0.6 ms for a record, and a grasp
 has 25 arrays (`python -m studies.benchmarks.reading`), so records are read without it.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -16,16 +15,14 @@ import h5py
 import numpy as np
 from numcodecs import Fletcher32
 
+from palpate import seal
 from palpate.store.contract import StoreSpec
-from palpate.store.errors import StoreError, damaged
-
-# Bytes before the content of a file (its user block): the content's size and SHA-256 as JSON.
-USER_BLOCK = 512
+from palpate.store.errors import StoreError
 
 
 def write_hdf5(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
     """Write arrays that fit the contract, strings as objects."""
-    with h5py.File(path, "w", userblock_size=USER_BLOCK) as file:
+    with h5py.File(path, "w", userblock_size=seal.USER_BLOCK) as file:
         # HDF5 has no nested attributes: here each is a JSON text.
         file.attrs.update({name: json.dumps(value, sort_keys=True) for name, value in attributes.items()})
         for name, array in arrays.items():
@@ -36,45 +33,23 @@ def write_hdf5(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], at
             dataset = file.create_dataset(name, data=array, **whole_array)
             if name in spec.arrays:
                 dataset.attrs.update({"meaning": spec.arrays[name].meaning, "unit": spec.arrays[name].unit})
-    seal_hdf5(path)
-
-
-def seal_hdf5(path: Path) -> None:
-    """Have a file that is written state the checksum of its content."""
-    block = _user_block(path.read_bytes()[USER_BLOCK:])
-    with path.open("r+b") as file:
-        file.write(block)
-
-
-def _user_block(content: bytes) -> bytes:
-    stated = {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-    return json.dumps(stated).encode().ljust(USER_BLOCK)
 
 
 class Hdf5File:
-    """A store's file, for reading. Raises StoreError if it is not as it was written; some 30 kB an object."""
+    """A store's file, for reading, and its seal; some 30 kB an object."""
 
     def __init__(self, path: Path):
-        self.path = path
+        self.path, self._stated, self.seal = path, seal.text_of(path), seal.verify(path)
         self._arrays: dict[str, Chunk] = {}
-        self.verify()
         with h5py.File(path, "r") as file:
             self.attributes = {name: json.loads(value) for name, value in file.attrs.items()}
 
     def verify(self) -> None:
-        """Raise StoreError if the file is not as it was written."""
-        data = self.path.read_bytes()
-        self._block = data[:USER_BLOCK]
-        if self._block != _user_block(data[USER_BLOCK:]):
-            raise damaged(self.path, ["it has changed since it was written (checksum)"])
+        """Compare the file with its seal. Raises DamagedFile if it is not as it was written."""
+        seal.verify(self.path)
 
     def require_files(self) -> None:
         """Nothing more than what opening the file compared."""
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of what the file states of its content."""
-        return hashlib.sha256(self._block).hexdigest()
 
     def array(self, name: str) -> "Chunk | np.ndarray":
         """One array, not read (a small one without chunks is), if the file is as it was when it was opened."""
@@ -86,9 +61,8 @@ class Hdf5File:
                 array = Chunk(self.path, file[name]) if is_chunk(file[name]) else file[name][...]
         if isinstance(array, Chunk):
             self._arrays[name] = array
-        with self.path.open("rb", buffering=0) as file:
-            if file.read(USER_BLOCK) != self._block:
-                raise StoreError(f"{self.path} has changed since it was opened; open the dataset again")
+        if seal.text_of(self.path) != self._stated:
+            raise StoreError(f"{self.path} has changed since it was opened; open the dataset again")
         return array
 
     def names(self) -> list[str]:

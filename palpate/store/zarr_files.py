@@ -1,14 +1,13 @@
 """A store as a folder of Zarr v3: `ZarrFiles`, with the same methods as `palpate.store.hdf5_file.Hdf5File`.
 
-A chunk is one record, a shard one array of the batch. Zarr reads a file that is missing as the fill value, so an
-attribute of the store is the manifest of its files. Zarr takes 1.5 ms for a record, and a grasp has 25 arrays
+A chunk is one record, a shard one array of the batch. Zarr reads a file that is missing as the fill value, so files are
+compared with the store's seal. Zarr takes 1.5 ms for a record, and a grasp has 25 arrays
 (`python -m studies.benchmarks.reading`), so records are read without it, at the speed of the decoder.
 """
 
-import hashlib
-import json
 import os
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,12 @@ import numcodecs.blosc
 import numpy as np
 import zarr
 from zarr.codecs import BloscCodec, BytesCodec, Crc32cCodec, ShardingCodec
+from zarr.core.metadata import ArrayV3Metadata
 
-from palpate import checksums
+from palpate import seal
+from palpate.seal import Seal
 from palpate.store.contract import StoreSpec
-from palpate.store.errors import StoreError, damaged
+from palpate.store.errors import StoreError
 
 # Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
 # otherwise (ZARR_THREADING__MAX_WORKERS). Several threads of Blosc may write a chunk's blocks in any order.
@@ -29,10 +30,7 @@ if zarr.config.get("threading.max_workers") is None:
 numcodecs.blosc.use_threads = False
 
 # Chosen in docs/evidence/dataset.md; lossless.
-COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
-# A store's attribute: `files`, the manifest of all files but the one that holds it, and `sha256`, the checksum of the
-# other attributes and the manifest.
-MANIFEST = "manifest"
+COMPRESSION: dict[str, Any] = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 ROOT = "zarr.json"  # the file of a group's attributes, and of an array's header
 NOT_WRITTEN = 2**64 - 1  # offset of a chunk that holds the fill value (Zarr's sharding codec, version 1.0)
 CHECKSUM = 4  # bytes of a CRC-32C, which ends each chunk and the index
@@ -41,7 +39,7 @@ CHECKSUM = 4  # bytes of a CRC-32C, which ends each chunk and the index
 def write_zarr(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
     """Write arrays that fit the contract, strings as objects. Chunks of nothing but fill values are not written
     (Zarr's setting `array.write_empty_chunks` is False), such as those of sensors that touched nothing."""
-    group = zarr.create_group(path)
+    group = zarr.create_group(path, attributes=dict(attributes))
     for name, array in arrays.items():
         array_spec = spec.arrays[name]
         text = array_spec.dtype == "string"
@@ -60,47 +58,30 @@ def write_zarr(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], at
         )
         if array.size:
             target[...] = array
-    seal_zarr(path, attributes)
-
-
-def seal_zarr(path: Path, attributes: Mapping[str, Any] | None = None) -> None:
-    """Have a store that is written state its files' sizes and checksums; attributes: by default those that it has."""
-    group = zarr.open_group(path, mode="r+")
-    attributes = dict(group.attrs if attributes is None else attributes)
-    attributes.pop(MANIFEST, None)
-    files = {name: stated for name, stated in checksums.manifest_of(path).items() if name != ROOT}
-    group.attrs.put({**attributes, MANIFEST: {"sha256": _digest(attributes, files), "files": files}})
-
-
-def _digest(attributes: Mapping[str, Any], files: checksums.Manifest) -> str:
-    return hashlib.sha256(json.dumps([attributes, files], sort_keys=True).encode()).hexdigest()
 
 
 class ZarrFiles:
-    """A store's folder, for reading."""
+    """A store's folder, for reading, and its seal."""
 
     def __init__(self, path: Path):
         self.path = path
         self._arrays: dict[str, Records | zarr.Array] = {}
         self.attributes = dict(zarr.open_group(path, mode="r").attrs)
-        stated = self.attributes.pop(MANIFEST, {})
-        self._files, self._stated_digest = stated.get("files", {}), stated.get("sha256")
+
+    @cached_property
+    def seal(self) -> Seal:
+        """The store's seal. Raises DamagedFile if the attributes are not as it states."""
+        sealed = seal.read(self.path)
+        sealed.require([ROOT])
+        return sealed
 
     def verify(self) -> None:
-        """Compare all files with their checksums. Raises StoreError, naming the first files that differ."""
-        self.require_files(contents=True)
+        """Compare all files with the seal. Raises DamagedFile, naming the first files that differ."""
+        self.seal.require()
 
-    def require_files(self, contents: bool = False) -> None:
-        """Raise StoreError, naming the first files, if files are missing or of another size (or content)."""
-        if self._stated_digest != self.digest:
-            raise damaged(self.path, [f"{ROOT} has changed since it was written (checksum)"])
-        if found := checksums.find_damage(self.path, self._files, contents):
-            raise damaged(self.path, found)
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of what the store states of its files."""
-        return _digest(self.attributes, self._files)
+    def require_files(self) -> None:
+        """Raise DamagedFile, naming the first files, if files are missing or of another size."""
+        self.seal.require(contents=False)
 
     def array(self, name: str) -> "Records | zarr.Array":
         """One array, not read, if its files are as they were when the store was opened."""
@@ -108,29 +89,26 @@ class ZarrFiles:
         if array is None:
             array = self._arrays[name] = self._open(name)
         # At every read, because Zarr takes a missing file for one of fill values.
-        shard = shard_file(name, array)
-        stated = {shard: self._files[shard]} if shard in self._files else {}
-        found = checksums.find_damage(self.path, stated)
-        if not stated and os.path.exists(self.path / shard):
-            found = [f"{shard} was not written with it"]
-        if found:
-            raise damaged(self.path, found)
+        self._require(shard_file(name, array), contents=False)
         return array
+
+    def _require(self, name: str, contents: bool) -> bool:
+        """Whether a file is of the store. Raises DamagedFile if it is not as it was written, or was not written."""
+        if name in self.seal.files:
+            self.seal.require([name], contents)
+        elif os.path.exists(self.path / name):
+            raise seal.damaged(self.path, f"{name} was not written with it")
+        return name in self.seal.files
 
     def _open(self, name: str) -> "Records | zarr.Array":
         """An array whose header is the one that was written."""
-        header = f"{name}/{ROOT}"
-        if header not in self._files:
-            if (self.path / header).exists():
-                raise damaged(self.path, [f"{header} was not written with it"])
+        if not self._require(f"{name}/{ROOT}", contents=True):
             raise StoreError(f"{self.path} has no array {name!r}")
-        if found := checksums.find_damage(self.path, {header: self._files[header]}, contents=True):
-            raise damaged(self.path, found)
         array = zarr.open_array(self.path / name, mode="r")
         if not is_readable(array):
             return array
         shard = shard_file(name, array)
-        return Records(self.path / shard if shard in self._files else None, array)
+        return Records(self.path / shard if shard in self.seal.files else None, array)
 
     def names(self) -> list[str]:
         """Names of all arrays."""
@@ -196,6 +174,8 @@ class Records:
 
 def is_readable(array: zarr.Array) -> bool:
     """Whether `Records` reads this array: one shard or chunk, encoded as `write_zarr` does."""
+    if not isinstance(array.metadata, ArrayV3Metadata):
+        return False
     codecs, whole = array.metadata.codecs, array.shards or array.chunks
     if isinstance(codecs[0], ShardingCodec):
         if [*map(type, codecs[0].index_codecs)] != [BytesCodec, Crc32cCodec]:

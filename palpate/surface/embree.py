@@ -7,7 +7,7 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from palpate.mesh import Geometry
+from palpate.mesh import Mesh
 
 
 class RayMesh:
@@ -19,8 +19,8 @@ class RayMesh:
     the box around them.
     """
 
-    def __init__(self, mesh: Geometry):
-        """mesh: anything with `vertices` and `faces`. Raises ValueError if none of its faces has an area."""
+    def __init__(self, mesh: Mesh):
+        """Raises ValueError if none of the mesh's faces has an area."""
         vertices = np.asarray(mesh.vertices, dtype=np.float64)
         triangles = vertices[np.asarray(mesh.faces).reshape(-1, 3)]
         with np.errstate(invalid="ignore"):
@@ -53,6 +53,7 @@ class RayMesh:
         """Whether each ray meets any face at all: (n,) bool. Cheaper than `first_face`."""
         return self._query(origins, directions, reach, "OCCLUDED") != -1
 
-    def _query(self, origins, directions, reach, query) -> np.ndarray:
+    def _query(self, origins: np.ndarray, directions: np.ndarray, reach: float | None, query: str) -> np.ndarray:
+        """What Embree answers to a query for each ray: the face that it meets, -1 for none."""
         origins = np.subtract(origins, self._centre).astype(np.float32)
         return self._scene.run(origins, np.asarray(directions, dtype=np.float32), dists=reach, query=query)

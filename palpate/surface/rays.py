@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.mesh import Geometry
+from palpate.mesh import Mesh
 from palpate.surface.embree import RayMesh
 
 # Evenly over the sphere. More directions find points that see out through narrower openings (docs/surface.md).
@@ -22,7 +22,7 @@ def fibonacci_sphere(count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
 
-def sample(mesh: Geometry, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
+def sample(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
     """Points (count, 3) float64, in the mesh's frame and in random order, uniform by area on its exterior surface.
 
     Exterior is what a straight line reaches from outside, through openings too; the mesh may be open, non-manifold or
@@ -30,9 +30,10 @@ def sample(mesh: Geometry, count: int, rng: np.random.Generator, directions: int
 
     Raises ValueError for a mesh without area, or if so little of it is exterior that `count` points can't be found.
     """
-    mesh = RayMesh(mesh)
-    found, drawn, missing = [], 0, count
-    area = np.cumsum(np.linalg.norm(mesh.normals, axis=1))
+    rays = RayMesh(mesh)
+    exterior: list[np.ndarray] = []
+    drawn, missing = 0, count
+    area = np.cumsum(np.linalg.norm(rays.normals, axis=1))
     while missing > 0:
         if drawn > _MOST_CANDIDATES * count:
             raise ValueError(
@@ -45,13 +46,13 @@ def sample(mesh: Geometry, count: int, rng: np.random.Generator, directions: int
         face = np.minimum(np.searchsorted(area, rng.random(batch) * area[-1], side="right"), len(area) - 1)
         # The square root makes the barycentric coordinates uniform over the triangle (Osada et al. 2002).
         root, part = np.sqrt(rng.random((batch, 1))), rng.random((batch, 1))
-        a, b, c = mesh.triangles[face].transpose(1, 0, 2)
+        a, b, c = rays.triangles[face].transpose(1, 0, 2)
         points = (1 - root) * a + root * (1 - part) * b + root * part * c
-        points = points[sees_out(mesh, points, face, directions)]
-        found.append(points)
+        points = points[sees_out(rays, points, face, directions)]
+        exterior.append(points)
         drawn += batch
         missing -= len(points)
-    return np.concatenate(found)[:count]
+    return np.concatenate(exterior)[:count]
 
 
 def sees_out(mesh: RayMesh, points: np.ndarray, face: np.ndarray, directions: int = DIRECTIONS) -> np.ndarray:

@@ -6,6 +6,12 @@ Importing this package loads no engine: embree comes with the first use of a `Ra
 from palpate.lazy import lazy_exports
 
 EXPORTS = {
+    "gel": ["Layer", "press"],
+    "pressing": [
+        *("LARGEST_STRAIN", "PressedReading", "face_sensor", "press_scene", "press_sensor", "press_sensors"),
+        "shade_pressed",
+    ],
+    "presses": ["press_object"],
     "rays": ["RayCaster"],
     "reading": ["TouchReading", "scene_tracer", "sense", "sense_scene"],
     "sensor": ["PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "local_points"],

@@ -3,6 +3,8 @@
 Only faces and pixels that can be in contact are traced.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from palpate.mesh import Geometry
@@ -37,19 +39,19 @@ class RayCaster:
     against every face in range; so are all of an object larger than 2 m.
     """
 
-    def __init__(self, mesh: Geometry, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
+    def __init__(self, mesh: Geometry, object_position: Sequence[float] = (0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
         """Build the search tree of a mesh in the object's own frame, metres, once for all its grasps.
 
         object_position: (3,) of that frame's origin in the frame of the sensors' poses. sensor: the kind of all
         sensors. Raises ValueError if no face has an area.
         """
         self.sensor = sensor
-        self._mesh = RayMesh(mesh)
+        self.mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)
         # (3, f), so that a test of one coordinate reads memory in order.
-        corners = self._mesh.triangles.transpose(1, 2, 0).copy()
+        corners = self.mesh.triangles.transpose(1, 2, 0).copy()
         self._low, self._high = corners.min(axis=0), corners.max(axis=0)
-        low, high = self._mesh.low, self._mesh.high
+        low, high = self.mesh.low, self.mesh.high
         self._large = (high - low).max() > _LARGEST
         # Coordinates far from the origin are rounded more.
         far = np.maximum(np.abs(low), np.abs(high)).max()
@@ -63,7 +65,7 @@ class RayCaster:
         origins, rotation = self._in_object_frame(position, rotation)
         depth = np.full((len(origins), *self.sensor.resolution), np.inf, dtype=np.float32)
         for k, origin in enumerate(origins):
-            block = self._block_in_reach(origin, rotation[k])
+            block = self.block_in_reach(origin, rotation[k])
             if block is not None:
                 depth[k, *block] = self._in_range(origin, rotation[k], block)
         return depth
@@ -76,25 +78,26 @@ class RayCaster:
         origins, rotation = self._in_object_frame(position, rotation)
         success = np.zeros(len(origins), dtype=bool)
         for k, origin in enumerate(origins):
-            block = self._block_in_reach(origin, rotation[k])
+            block = self.block_in_reach(origin, rotation[k])
             if block is not None:
-                success[k] = self._succeeds_early(origin, rotation[k], block)
+                success[k] = self.succeeds_early(origin, rotation[k], block)
                 success[k] = success[k] or np.isfinite(self._in_range(origin, rotation[k], block)).any()
         return success
 
     def is_near(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Whether any face is traced for each sensor: (...,) bool; position: (..., 3), rotation: (..., 3, 3)."""
         poses = self._in_object_frame(np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3)))
-        near = [len(self._near_faces(*pose)) > 0 for pose in zip(*poses, strict=True)]
+        near = [len(self.near_faces(*pose)) > 0 for pose in zip(*poses, strict=True)]
         return np.reshape(near, np.shape(position)[:-1])
 
-    def _succeeds_early(self, origin, rotation, block: Block) -> bool:
+    def succeeds_early(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> bool:
         """Whether Embree finds a face in range at every 10th pixel in both directions; doubtful ones don't count."""
-        coarse = tuple(slice(side.start, side.stop, 10) for side in block)
+        rows, columns = block
+        coarse = slice(rows.start, rows.stop, 10), slice(columns.start, columns.stop, 10)
         depth, _ = self._embree_depth(origin, rotation, coarse)
         return bool((depth <= self.sensor.reach[coarse].ravel()).any())
 
-    def _in_object_frame(self, position, rotation) -> tuple[np.ndarray, np.ndarray]:
+    def _in_object_frame(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses of sensors, float64, in the object's own frame; ValueError for an invalid pose."""
         position, rotation = np.asarray(position, dtype=np.float64), np.asarray(rotation, dtype=np.float64)
         for k, (origin, axes) in enumerate(zip(position, rotation, strict=True)):
@@ -107,19 +110,21 @@ class RayCaster:
                 )
         return position - self._object_position, rotation
 
-    def _in_range(self, origin, rotation, block: Block) -> np.ndarray:
-        depth = self._depth(origin, rotation, block)
+    def _in_range(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
+        """Depth (rows, columns) of a block of pixels, +inf beyond the pixels' reach."""
+        depth = self.block_depth(origin, rotation, block)
         return np.where(depth <= self.sensor.reach[block], depth, np.inf)
 
-    def _block_in_reach(self, origin, rotation) -> Block | None:
+    def block_in_reach(self, origin: np.ndarray, rotation: np.ndarray) -> Block | None:
         """The block of pixels before the faces near the sensor, outside of which nothing can be in range, or None."""
-        faces = self._near_faces(origin, rotation)
+        faces = self.near_faces(origin, rotation)
         if not len(faces):
             return None
         sensor = self.sensor
-        size, pixel, side = (np.array(each)[::-1] for each in (sensor.size, sensor.pixel, sensor.resolution))  # y, z
-        half = size / 2
-        corners = (self._mesh.triangles[faces] - origin) @ rotation
+        # Along y, then z.
+        half = np.array([sensor.width, sensor.height]) / 2
+        pixel, side = np.flip(sensor.pixel), np.flip(sensor.resolution)
+        corners = (self.mesh.triangles[faces] - origin) @ rotation
         low, high = corners.min(axis=1), corners.max(axis=1)
         box = np.array([[0, *-half], [sensor.range, *half]])
         meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
@@ -130,7 +135,7 @@ class RayCaster:
         first, last = np.clip(first, 0, side), np.clip(last + 1, 0, side)
         return slice(first[1], last[1]), slice(first[0], last[0])
 
-    def _near_faces(self, origin, rotation) -> np.ndarray:
+    def near_faces(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Indices of the faces whose bounding box meets the bounding box of the sensor's reach."""
         half = np.array([self.sensor.range, self.sensor.width, self.sensor.height]) / 2
         centre = origin + rotation[:, 0] * half[0]
@@ -141,7 +146,7 @@ class RayCaster:
             near = near[(self._low[axis, near] <= high[axis]) & (self._high[axis, near] >= low[axis])]
         return near
 
-    def _depth(self, origin, rotation, block: Block) -> np.ndarray:
+    def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
         """Depth (rows, columns) float64 of a block of pixels, up to the sensor's range; beyond it, any larger number.
 
         origin: (3,), rotation: (3, 3) of the sensor in the object's own frame.
@@ -157,7 +162,7 @@ class RayCaster:
             doubtful = _pits(depth.reshape(shape), max(self.sensor.pixel)).ravel() & ~settled
         return depth.reshape(shape)
 
-    def _embree_depth(self, origin, rotation, block: Block) -> tuple[np.ndarray, np.ndarray]:
+    def _embree_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> tuple[np.ndarray, np.ndarray]:
         """Depth (n,) of a block of pixels, +inf where no face is hit; and which are doubtful (n,) bool."""
         plane = self.sensor.plane[block]
         pixels = plane.reshape(-1, 3)
@@ -167,17 +172,19 @@ class RayCaster:
         doubtful = np.zeros(len(pixels), dtype=bool)
         direction = rotation[:, 0]
         start = pixels @ rotation.T + (origin - _SLACK * direction)
-        hit = self._mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
+        hit = self.mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
         met = np.flatnonzero(hit >= 0)
         if len(met):
             depth[met], doubtful[met] = self._depth_on_faces(hit[met], pixels[met, 1:], origin, rotation)
             doubtful |= _pits(depth.reshape(plane.shape[:2]), max(self.sensor.pixel)).ravel()
         return depth, doubtful
 
-    def _depth_on_faces(self, hit, pixels, origin, rotation) -> tuple[np.ndarray, np.ndarray]:
+    def _depth_on_faces(
+        self, hit: np.ndarray, pixels: np.ndarray, origin: np.ndarray, rotation: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Depth (n,) at which the rays through `pixels` (n, 2), y and z, meet the faces `hit` (n,), and whether (n,)
         bool it is doubtful: the face is seen edge-on, or met behind the sensor plane; the depth is then +inf."""
-        seen = np.zeros(len(self._mesh.triangles), dtype=bool)
+        seen = np.zeros(len(self.mesh.triangles), dtype=bool)
         seen[hit] = True
         faces, hit = np.flatnonzero(seen), (np.cumsum(seen) - 1)[hit]
         corners, normal = self._in_sensor_frame(faces, origin, rotation)
@@ -189,12 +196,12 @@ class RayCaster:
         depth[doubtful] = np.inf
         return depth, doubtful
 
-    def _exact_depth(self, pixels, origin, rotation) -> np.ndarray:
-        """(n,) depth of the rays through `pixels` (n, 2), in double precision against every face in range.
+    def _exact_depth(self, pixels: np.ndarray, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Depth (n,) of the rays through `pixels` (n, 2), in double precision against every face in range.
 
         A face seen edge-on covers no pixel; one on the sensor plane is touched, at depth 0.
         """
-        corners, normal = self._in_sensor_frame(self._near_faces(origin, rotation), origin, rotation)
+        corners, normal = self._in_sensor_frame(self.near_faces(origin, rotation), origin, rotation)
         row_height, _ = self.sensor.pixel
         low, high = corners[:, :, 2].min(axis=1) - row_height, corners[:, :, 2].max(axis=1) + row_height
         depth = np.empty(len(pixels))
@@ -204,15 +211,17 @@ class RayCaster:
             depth[mine] = _nearest(pixels[mine], corners[crossing], normal[crossing], self._rounding)
         return depth
 
-    def _in_sensor_frame(self, faces, origin, rotation) -> tuple[np.ndarray, np.ndarray]:
+    def _in_sensor_frame(
+        self, faces: np.ndarray, origin: np.ndarray, rotation: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Corners (f, 3, 3) and unit normals (f, 3) of faces, in the sensor's frame."""
-        normal = self._mesh.normals[faces] @ rotation
+        normal = self.mesh.normals[faces] @ rotation
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        return (self._mesh.triangles[faces] - origin) @ rotation, normal
+        return (self.mesh.triangles[faces] - origin) @ rotation, normal
 
 
-def _nearest(pixels, corners, normal, rounding) -> np.ndarray:
-    """(n,) depth of the first of the faces, corners (f, 3, 3) and normals (f, 3), that covers each pixel."""
+def _nearest(pixels: np.ndarray, corners: np.ndarray, normal: np.ndarray, rounding: float) -> np.ndarray:
+    """Depth (n,) of the first of the faces, corners (f, 3, 3) and normals (f, 3), that covers each pixel."""
     offset, slope = _planes(corners, normal)
     depth = offset + pixels @ slope.T
     covered = np.abs(normal[:, 0]) > _NO_WIDTH
@@ -229,7 +238,7 @@ def _nearest(pixels, corners, normal, rounding) -> np.ndarray:
     return np.maximum(nearest, 0)
 
 
-def _planes(corners, normal) -> tuple[np.ndarray, np.ndarray]:
+def _planes(corners: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The planes of faces as x = offset + y slope[0] + z slope[1]: (f,) offset, -inf if edge-on, and (f, 2) slope."""
     across = np.where(normal[:, 0] == 0, np.inf, normal[:, 0])
     offset = np.einsum("fi,fi->f", normal, corners[:, 0]) / across

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class TouchReading(NamedTuple):
-    """What sensors report; `...` are the leading axes of their poses.
+    """Reports of sensors; `...` are the leading axes of their poses.
 
     Sensors without contact have reading, points and point_count 0: their reading is `empty_reading(sensor)`.
     """
@@ -56,5 +56,5 @@ def scene_tracer(scene: "Scene", sensor: Sensor = DIGIT) -> RayCaster:
 
 
 def sense_scene(scene: "Scene", tracer: RayCaster | None = None) -> TouchReading:
-    """What the sensors of a scene report, with leading axes (g, s). tracer: default, `scene_tracer(scene)`."""
+    """Readings of a scene's sensors, with leading axes (g, s). tracer: default, `scene_tracer(scene)`."""
     return sense(tracer or scene_tracer(scene), scene.sensor_position, scene.sensor_rotation)

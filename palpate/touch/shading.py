@@ -5,6 +5,9 @@ and the lights' positions, which it does not give, are the sensor's (`palpate/se
 metres, so that normals are true; the supplement has x and y in sensor widths.
 """
 
+from collections.abc import Iterator, Mapping
+from typing import Any
+
 import numpy as np
 
 from palpate.sensor import DIGIT, Sensor, Size
@@ -14,7 +17,7 @@ LIGHTS, DIFFUSE = np.stack([place for place, *_ in DIGIT.lamps]), DIGIT.diffuse
 
 
 def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """D' = ReLU(w - D), metres, 0 where nothing is in range (depth +inf); w: each pixel's distance of the free gel."""
+    """Impressions D' = ReLU(w - D), metres, 0 where nothing is in range (depth +inf); w: distance of the free gel."""
     reach = sensor.range if sensor.gel_radius is None else sensor.reach.astype(depth.dtype)
     return np.maximum(reach - depth, 0)
 
@@ -34,9 +37,12 @@ def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Impressions (..., r, c) as a soft gel takes them: Taxim's approximation (Si and Yuan 2022, `deformApprox`).
 
     Gaussian filters, the standard deviations (m) of `pyramid` in turn. After each, pixels deeper than `held` of the
-    deepest get their depth back: there the gel lies on the object. Then a filter of `last`.
+    deepest get their depth back: there the gel lies on the object. Then a filter of `last`. Without settings for it
+    the impressions stay as they are.
     """
     settings = sensor.smoothing
+    if not settings:
+        return height
     held = height > settings["held"] * height.max(axis=(-2, -1), keepdims=True)
     result = height
     for sigma in settings["pyramid"]:
@@ -62,22 +68,25 @@ def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     depth = np.asarray(depth, dtype=np.float32)
     if not (depth > -np.inf).all():
         raise ValueError("expected depths in metres, +inf where nothing is in range, got NaN or -inf")
-    height = impression(depth, sensor)
-    if sensor.smoothing:
-        height = smoothed(height, sensor)
-    reading = _shade_impression(height, sensor)
-    if sensor.background is None:
-        return reading
-    change = reading.astype(np.int16) - _shade_impression(np.zeros(depth.shape[-2:], np.float32), sensor)
-    return np.clip(sensor.background + change, 0, 255).astype(np.uint8)
+    return shade_impression(smoothed(impression(depth, sensor), sensor), sensor)
 
 
-def _shade_impression(height: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Shading (..., r, c, 3) uint8 of the gel with impressions (..., r, c)."""
-    if sensor.gel_radius is None:
-        return lit(height, normals(height, sensor.pixel), sensor)
-    surface = height + sensor.sag.astype(np.float32)
-    return lit(surface, normals(surface, sensor.pixel), sensor) * sensor.on_gel[..., None]
+def shade_impression(height: np.ndarray, sensor: Sensor = DIGIT, sag: np.ndarray | None = None) -> np.ndarray:
+    """Readings (..., r, c, 3) uint8 of the gel with impressions (..., r, c), m, as they are: as `shade`.
+
+    sag: (r, c) m that the undeformed face lies below its middle; default: `sensor.sag`.
+    """
+    height, sag = np.asarray(height, dtype=np.float32), sensor.sag if sag is None else sag
+    light = _face_light(height, sensor, sag)
+    if sensor.background is not None:
+        light += sensor.background - _face_light(np.zeros(height.shape[-2:], np.float32), sensor, sag)
+    return np.rint(np.clip(light, 0, 255)).astype(np.uint8)
+
+
+def _face_light(height: np.ndarray, sensor: Sensor, sag: np.ndarray) -> np.ndarray:
+    """Light (..., r, c, 3) of a gel with impressions (..., r, c) and the sag (r, c), grey levels, not rounded."""
+    surface = height + sag.astype(np.float32)
+    return light_of(surface, normals(surface, sensor.pixel), sensor) * sensor.on_gel[..., None]
 
 
 def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
@@ -85,6 +94,13 @@ def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.nd
 
     height: metres above the plane at the sensor's range, towards the sensor plane; of a flat gel the impression.
     """
+    return np.rint(np.clip(light_of(height, normal, sensor), 0, 255)).astype(np.uint8)
+
+
+def light_of(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
+    """The light (..., r, c, 3) float32 of which `lit` makes readings, grey levels, neither rounded nor clipped."""
+    if table := sensor.colour_table:
+        return _table_light(normal, table, sensor)
     rows, columns = (centres.astype(np.float32) for centres in sensor.pixel_centres)
     light = np.zeros((*height.shape, 3), dtype=np.float32)
     for place, colour, far in sensor.lamps:
@@ -96,9 +112,31 @@ def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.nd
         facing = np.maximum(sensor.diffuse * cosine, 0)
         for channel in np.flatnonzero(colour):
             light[..., channel] += np.float32(colour[channel]) * facing
-    return np.rint(np.clip(light, 0, 255)).astype(np.uint8)
+    return light
+
+
+def _table_light(normal: np.ndarray, table: Mapping[str, Any], sensor: Sensor) -> np.ndarray:
+    """Light (..., r, c, 3) by a sensor's polynomial of the normal, whose coefficients change over the image."""
+    columns, rows = np.meshgrid(*(np.linspace(-1, 1, n, dtype=np.float32) for n in sensor.resolution[::-1]))
+    over_image = np.stack(list(monomials(columns, rows, table["place"], 0)), axis=-1)
+    over_normal = list(monomials(*flattened(normal, table["steepest"]), table["normal"], 1))
+    coefficients = np.array(table["polynomial"], dtype=np.float32).reshape(len(over_normal), over_image.shape[-1], 3)
+    terms = zip(over_normal, coefficients, strict=True)
+    return sensor.diffuse * sum(term[..., None] * (over_image @ own) for term, own in terms)
+
+
+def monomials(first: np.ndarray, second: np.ndarray, degree: int, lowest: int) -> Iterator[np.ndarray]:
+    """The products first**i * second**j of lowest <= i + j <= degree, i and then j ascending."""
+    return (first**i * second**j for i in range(degree + 1) for j in range(degree + 1 - i) if lowest <= i + j)
+
+
+def flattened(normal: np.ndarray, steepest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Components y and z of normals (..., 3), those longer than `steepest` shortened to it: polynomials end there."""
+    y, z = normal[..., 0], normal[..., 1]
+    shorter = steepest / np.maximum(np.hypot(y, z), steepest)
+    return y * shorter, z * shorter
 
 
 def empty_reading(sensor: Sensor = DIGIT) -> np.ndarray:
-    """(r, c, 3) uint8, the reading of a sensor that touches nothing."""
+    """The reading (r, c, 3) uint8 of a sensor that touches nothing."""
     return shade(np.full(sensor.resolution, np.inf), sensor)

@@ -127,8 +127,8 @@ def spread(records: Iterable[ObjectRecord], most: int) -> list[ObjectRecord]:
     classes: dict[str, list[tuple[int, ObjectRecord]]] = {}
     for number, record in enumerate(records):
         classes.setdefault(record.class_name, []).append((number, record))
-    turns = [each for each in chain(*zip_longest(*classes.values())) if each]
-    return [record for _, record in sorted(turns[:most], key=lambda each: each[0])]
+    turns = [numbered for numbered in chain(*zip_longest(*classes.values())) if numbered]
+    return [record for _, record in sorted(turns[:most], key=lambda numbered: numbered[0])]
 
 
 def _table(heads: Sequence[str], rows: Iterable[Iterable[Any]], **other: Any) -> Table:
@@ -138,6 +138,7 @@ def _table(heads: Sequence[str], rows: Iterable[Iterable[Any]], **other: Any) ->
 
 
 def _cell(value: Any) -> Cell:
+    """A value as a cell; a number is sorted by."""
     if isinstance(value, int | float):
         return Cell(f"{value:,}", float(value))
     return value if isinstance(value, Cell) else Cell(str(value))
@@ -149,6 +150,7 @@ def _link(folder: Path, place: Path, *parts: str) -> str:
 
 
 def _text(path: Path) -> str:
+    """The text of a file, empty if there is none."""
     return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
 
 
@@ -159,9 +161,9 @@ def _marked(text: str) -> Markup:
 
 def _files(folder: Path, kind: str, suffix: str) -> list[tuple[str, Path]]:
     """Tables, figures or reports of the run with their names, in the order of `products`."""
-    found = [(path.relative_to(folder / kind), path) for path in folder.glob(f"{kind}/**/*.{suffix}")]
-    named = [(path.with_suffix("").as_posix(), whole) for path, whole in found]
-    return sorted(named, key=lambda each: position(kind, each[0]))
+    paths = folder.glob(f"{kind}/**/*.{suffix}")
+    named = [(path.relative_to(folder / kind).with_suffix("").as_posix(), path) for path in paths]
+    return sorted(named, key=lambda file: position(kind, file[0]))
 
 
 def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
@@ -224,10 +226,12 @@ def _is_current(page: Path, record: ObjectRecord) -> bool:
 
 
 def _stores(record: ObjectRecord, stages: Iterable[str]) -> list[Path]:
+    """The stores of an object's batch, whether they are there or not."""
     return [record.mesh.parents[2] / STAGES[stage].path(record.batch) for stage in stages]
 
 
 def _write_object_page(page: Path, record: ObjectRecord) -> None:
+    """Write an object's page, unless it is there and current."""
     if not _is_current(page, record):
         from palpate.viewer.page import object_page  # loads trimesh
 
@@ -236,14 +240,14 @@ def _write_object_page(page: Path, record: ObjectRecord) -> None:
 
 def _warnings(folder: Path) -> list[str]:
     """The warnings of the jobs' logs, but for those of rejections; each once."""
-    texts = (_text(path) for path in sorted(folder.glob("logs/**/*.log")))
-    found = (re.findall(r"^\S+ \S+ WARNING (?!.* rejected: )(.+)", text, re.MULTILINE) for text in texts)
-    return list(dict.fromkeys(chain(*found)))
+    logs = "\n".join(_text(path) for path in sorted(folder.glob("logs/**/*.log")))
+    return list(dict.fromkeys(re.findall(r"^\S+ \S+ WARNING (?!.* rejected: )(.+)", logs, re.MULTILINE)))
 
 
 def _figures(folder: Path, link: Callable[..., str]) -> list[dict[str, Any]]:
     """Figures, and pictures of reports, with captions: in the page, but for GIFs, and beyond `EMBEDDED` bytes."""
-    found, used = [], 0
+    figures: list[dict[str, Any]] = []
+    used = 0
     places = (("figures", "png"), ("figures", "gif"), ("reports", "png"))
     pictures = [(kind, *file) for kind, suffix in places for file in _files(folder, kind, suffix)]
     for kind, name, path in pictures:
@@ -254,8 +258,8 @@ def _figures(folder: Path, link: Callable[..., str]) -> list[dict[str, Any]]:
             source = data_uri(picture.convert("RGB"), FIGURE) if still and used < EMBEDDED else ""
         used += len(source)
         about = {"name": name, "file": file, "caption": _marked(caption(kind, name))}
-        found.append({**about, "source": source or file, **size})
-    return found
+        figures.append({**about, "source": source or file, **size})
+    return figures
 
 
 def _trainings(folder: Path) -> Table:
@@ -288,9 +292,8 @@ def _times(folder: Path) -> Table:
         row = next(csv.DictReader(_text(path).splitlines(), delimiter="\t"))
         jobs.setdefault(made.get(name, name.partition("/")[0]), []).append((float(row["s"]), float(row["max_rss"])))
     rows = []
-    for name, times in jobs.items():
+    for name, times in sorted(jobs.items(), key=lambda job: -sum(seconds for seconds, _ in job[1])):
         seconds, memory = zip(*times, strict=True)
-        spans = [Cell(duration(each), each) for each in (sum(seconds), max(seconds))]
+        spans = [Cell(duration(span), span) for span in (sum(seconds), max(seconds))]
         rows.append([name, len(times), *spans, Cell(f"{max(memory):,.0f}", max(memory))])
-    rows.sort(key=lambda row: -row[2].value)
     return _table(("stage", "jobs", "time", "longest job", "most memory of a job, MB"), rows)

@@ -4,6 +4,7 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -12,12 +13,14 @@ from markupsafe import Markup
 from palpate.atomic import atomic_write
 from palpate.camera import Camera
 from palpate.dataset import GraspRecord, ObjectRecord
+from palpate.dataset.reader import PressRecord
 from palpate.mesh import OBJECT_POSITION
 from palpate.touch import empty_reading
 from palpate.viewer.html import data_uri, render, resource
 from palpate.viewer.scene import FORCE_LENGTH, Y_UP, cameras, force_arrows, record_scene, sensor_colour
 
-READING = 100  # pixels of a reading of a frame, at most
+READING = 100  # pixels of a reading of a frame or a press, at most
+PRESSES = 20  # of an object, at most
 LABELS = {"object": "object", "hand": "hand", "gel": "readings on the sensors", "cloud": "touch clouds"}
 LABELS |= {"force": f"contact forces on the object (1 N is {1e3 * FORCE_LENGTH:g} mm)"}
 LABELS |= {"prediction": "prediction", "camera": "cameras"}
@@ -38,12 +41,14 @@ def object_page(
     """
     path = Path(path)
     shown = _grasps(record, grasps)
-    glb = record_scene(record, shown, predictions).export(file_type="glb")
+    pressed = record.presses[:PRESSES] if "press" in record.stages else []
+    glb = record_scene(record, shown, predictions, pressed).export(file_type="glb")
     scene_file = path.with_suffix(".glb")
     frames = {grasp.number: _frames(grasp) for grasp in shown if "frames" in grasp.stages}
-    data = {"glb": base64.b64encode(glb).decode(), "cameras": [_viewpoint(each) for each in cameras(record)]}
-    data["frames"] = frames
-    with_forces = any(name.startswith("force ") for each in frames.values() for name in each["poses"])
+    viewpoints = [_viewpoint(camera) for camera in cameras(record)]
+    data = {"glb": base64.b64encode(glb).decode(), "cameras": viewpoints, "frames": frames}
+    data["presses"] = {press.number: _press(press) for press in pressed}
+    with_forces = any(name.startswith("force ") for closing in frames.values() for name in closing["poses"])
     missing = {"prediction": not predictions, "force": not with_forces}
     labels = {kind: label for kind, label in LABELS.items() if not missing.get(kind)}
     if predictions and model:
@@ -55,9 +60,11 @@ def object_page(
         "object.html.jinja",
         record=record,
         labels=labels,
-        cameras=len(data["cameras"]),
+        cameras=len(viewpoints),
         grasps=[_grasp(grasp) for grasp in shown],
-        frames=max((len(each["time"]) for each in frames.values()), default=0),
+        frames=max((len(closing["time"]) for closing in frames.values()), default=0),
+        presses=[press.number for press in pressed],
+        forces=max((len(press.force) for press in pressed), default=0),
         images=_images(record, "unoccluded"),
         data=Markup(json.dumps(data).replace("<", "\\u003c")),
         style=resource("viewer.css"),
@@ -68,26 +75,45 @@ def object_page(
 
 
 def _grasps(record: ObjectRecord, numbers: Sequence[int] | None) -> list[GraspRecord]:
+    """The grasps with these numbers, by default all. Raises IndexError for one that the object does not have."""
     has_grasps = {"grasps", "touch", "vision"} & set(record.stages)
-    found = record.grasps if has_grasps else []
+    grasps = record.grasps if has_grasps else []
     if numbers is None:
-        return found
-    if wrong := [number for number in numbers if not 0 <= number < len(found)]:
-        raise IndexError(f"{record.name} has no grasp {wrong[0]}: it has {len(found)}, numbered from 0")
-    return [found[number] for number in numbers]
+        return grasps
+    if wrong := [number for number in numbers if not 0 <= number < len(grasps)]:
+        raise IndexError(f"{record.name} has no grasp {wrong[0]}: it has {len(grasps)}, numbered from 0")
+    return [grasps[number] for number in numbers]
 
 
 def _grasp(grasp: GraspRecord) -> dict[str, object]:
-    """What the page shows of one grasp beside the scene: images, readings."""
+    """The images and readings of a grasp, which the page shows beside the scene."""
     sensors = []
     for number, name in enumerate(grasp.sensors if "touch" in grasp.stages else ()):
         touch = {"touches": grasp.success[number], "points": grasp.point_count[number]}
         picture = {"reading": data_uri(grasp.reading[number]), "colour": sensor_colour(number)}
         sensors.append({"name": name, **picture, **touch})
-    return {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
+    shown = {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
+    return shown | {"forces": _forces(grasp), "label": _label(grasp)}
 
 
-def _frames(grasp: GraspRecord) -> dict[str, object]:
+def _forces(grasp: GraspRecord) -> str:
+    """With what each sensor's link presses the object at rest; empty for a grasp without a grip."""
+    pressed = zip(grasp.sensors, grasp.sensor_force, strict=True) if grasp.has_forces else ()
+    return ", ".join(f"{name} {force:.1f} N" for name, force in pressed)
+
+
+def _label(grasp: GraspRecord) -> str:
+    """Whether the grasp holds the object, and how well; empty if that was not tested."""
+    if "hold" not in grasp.stages:
+        return ""
+    along = f"{(grasp.held_along == 1).sum()} of {len(grasp.held_along)} directions of gravity"
+    quality = (
+        f"resists any disturbance up to {grasp.wrench_radius:.2f} N; {100 * grasp.cone_margin:.0f} % of friction left"
+    )
+    return f"{'holds' if grasp.held == 1 else 'does not hold'}: {along}; {quality}"
+
+
+def _frames(grasp: GraspRecord) -> dict[str, Any]:
     """A grasp's closing as the page takes it: times, poses of the scene's nodes by kind and name as rows of 3 x 4
     matrices, and readings; None for a sensor that touches nothing, which reads `empty`."""
     frames, hand = grasp.frames, grasp.object.hand
@@ -96,13 +122,26 @@ def _frames(grasp: GraspRecord) -> dict[str, object]:
     poses |= {f"hand {hand.link_names[link]}": frames.link_pose[:, link, :3] for link in np.unique(hand.geom_link)}
     if frames.has_contacts:
         poses |= {f"force {slot}": arrows for slot, arrows in enumerate(force_arrows(frames)[:, :, :3].swapaxes(0, 1))}
-    found = {"time": frames.time.tolist()}
-    found["poses"] = {name: np.round(pose.reshape(-1, 12), 5).tolist() for name, pose in poses.items()}
+    rows = {name: np.round(pose.reshape(-1, 12), 5).tolist() for name, pose in poses.items()}
+    closing = {"time": frames.time.tolist(), "poses": rows}
     if frames.has_touch:
-        each = [zip(*of_frame, strict=True) for of_frame in zip(frames.reading, frames.success, strict=True)]
-        found["readings"] = [[data_uri(read, READING) if on else None for read, on in pairs] for pairs in each]
-        found["empty"] = data_uri(empty_reading(frames.sensor), READING)
-    return found
+        readings = np.full(frames.success.shape, None)
+        for place in np.argwhere(frames.success):
+            readings[*place] = data_uri(frames.reading[*place], READING)
+        closing |= {"readings": readings.tolist(), "empty": data_uri(empty_reading(frames.sensor), READING)}
+    return closing
+
+
+def _press(press: PressRecord) -> dict[str, Any]:
+    """A press as the page takes it: at each force the sensor's pose, as a row of a 3 x 4 matrix, its reading, and a
+    line about it."""
+    position = press.position + press.approach[:, None] * press.rotation[:, 0]
+    poses = [np.column_stack([press.rotation, place]).ravel().round(6).tolist() for place in position]
+    lines = [
+        f"{force:g} N, {1e3 * depth:.2f} mm deep, {100 * inside:.0f} % of the force within the image"
+        for force, depth, inside in zip(press.force, press.approach, press.inside, strict=True)
+    ]
+    return {"poses": poses, "readings": [data_uri(reading, READING) for reading in press.reading], "lines": lines}
 
 
 def _images(record: ObjectRecord | GraspRecord, name: str) -> list[str]:

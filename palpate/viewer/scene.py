@@ -1,20 +1,22 @@
 """One object and its grasps as a scene of named nodes, for GLB: object, hand, sensors, clouds, predictions, cameras.
 
-A node is named `<group> <kind> <name>`. Its group is `object`, or `grasp-<number>`; its kind is `object`, `hand`,
-`gel`, `force`, `cloud`, `prediction` or `camera`.
+A node is named `<group> <kind> <name>`. Its group is `object`, `grasp-<number>` or `press-<number>`; its kind is
+`object`, `hand`, `gel`, `force`, `cloud`, `prediction` or `camera`.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import ArrayLike
 from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from palpate.camera import Camera
 from palpate.dataset import GraspRecord, ObjectRecord
-from palpate.dataset.reader import FramesRecord
+from palpate.dataset.reader import FramesRecord, PressRecord
 from palpate.mesh import OBJECT_POSITION, mesh_file
 from palpate.sensor import Size
 from palpate.vision.image import linear
@@ -38,9 +40,12 @@ def sensor_colour(sensor: int) -> str:
 
 
 def record_scene(
-    record: ObjectRecord, grasps: Sequence[GraspRecord] = (), predictions: Mapping[int, trimesh.Trimesh] | None = None
+    record: ObjectRecord,
+    grasps: Sequence[GraspRecord] = (),
+    predictions: Mapping[int, trimesh.Trimesh] | None = None,
+    presses: Sequence[PressRecord] = (),
 ) -> trimesh.Scene:
-    """The scene of an object and some of its grasps; `.export(file_type="glb")` gives the bytes of a file.
+    """The scene of an object and some of its grasps and presses; `.export(file_type="glb")` gives the bytes of a file.
 
     Nodes are in the world frame, metres, below a root that turns z up into glTF's y up. What the run does not have
     (meshes, hand, touches) is left out; without meshes the object is its surface points. predictions: meshes in the
@@ -51,14 +56,18 @@ def record_scene(
     _add_object(scene, record)
     for camera in cameras(record):
         _add(scene, "object camera", _frustum(camera))
+    for press in presses:  # with its last force
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = press.rotation, press.position + press.approach[-1] * press.rotation[:, 0]
+        _add(scene, f"press-{press.number} gel sensor", _gel(press.reading[-1], press.sensor.size), pose)
     for grasp in grasps:
         group = f"grasp-{grasp.number}"
         if "grasps" in grasp.stages:
             for link in np.unique(record.hand.geom_link):
-                mesh = link_mesh(record.hand, int(link))
-                shape = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=mesh.normals, process=False)
-                name, shape = f"{group} hand {record.hand.link_names[link]}", _with_colours(shape, mesh.colours)
-                _add(scene, name, shape, grasp.link_pose[link], geometry=f"link {link}")
+                drawn = link_mesh(record.hand, int(link))
+                shape = trimesh.Trimesh(drawn.vertices, drawn.faces, vertex_normals=drawn.normals, process=False)
+                name = f"{group} hand {record.hand.link_names[link]}"
+                _add(scene, name, _with_colours(shape, drawn.colours), grasp.link_pose[link], geometry=f"link {link}")
         if "touch" in grasp.stages:
             for number, name in enumerate(grasp.sensors):
                 pose = np.eye(4)
@@ -71,7 +80,8 @@ def record_scene(
                 _add(scene, f"{group} force {slot}", _arrow(), pose, geometry="force")
         if predictions and grasp.number in predictions:
             mesh = predictions[grasp.number]
-            colours = np.asarray(mesh.visual.vertex_colors)[:, :3] / 255
+            visual: Any = mesh.visual
+            colours = np.asarray(visual.vertex_colors)[:, :3] / 255
             _add(scene, f"{group} prediction", _with_colours(mesh.copy(), colours))
     return scene
 
@@ -106,7 +116,7 @@ def cameras(record: ObjectRecord) -> list[Camera]:
 def _add(
     scene: trimesh.Scene, name: str, shape: trimesh.parent.Geometry, pose: np.ndarray | None = None, geometry: str = ""
 ) -> None:
-    """A node with a shape; one geometry may have several nodes."""
+    """Add a node with a shape; one geometry may have several nodes."""
     geometry = geometry or name
     if geometry not in scene.geometry:
         scene.geometry[geometry] = shape
@@ -115,7 +125,7 @@ def _add(
 
 
 def _add_object(scene: trimesh.Scene, record: ObjectRecord) -> None:
-    """The object's mesh with its materials; its surface points if the run has no meshes."""
+    """Add the object's mesh with its materials, or its surface points if the run has no meshes."""
     if not (record.mesh / "visual.glb").exists():
         _add(scene, "object object points", _cloud(record.points, POINT_COLOUR))
         return
@@ -126,9 +136,10 @@ def _add_object(scene: trimesh.Scene, record: ObjectRecord) -> None:
         _add(scene, f"object object {number}", loaded.geometry[geometry], place @ pose, f"object {geometry}")
 
 
-def _with_colours(mesh: trimesh.Trimesh, colours: np.ndarray) -> trimesh.Trimesh:
+def _with_colours(mesh: trimesh.Trimesh, colours: ArrayLike) -> trimesh.Trimesh:
     """A mesh with sRGB colours (n, 3) of its vertices: glTF has them linear. Without a material it would be metal."""
-    rgba = np.column_stack([np.rint(255 * linear(np.asarray(colours))), np.full(len(colours), 255)]).astype(np.uint8)
+    rgb = np.rint(255 * linear(colours))
+    rgba = np.column_stack([rgb, np.full(len(rgb), 255)]).astype(np.uint8)
     mesh.visual = TextureVisuals(material=PBRMaterial(metallicFactor=0.0, roughnessFactor=0.6, doubleSided=True))
     mesh.visual.vertex_attributes["color"] = rgba
     return mesh
@@ -149,13 +160,14 @@ def _gel(reading: np.ndarray, size: Size) -> trimesh.Trimesh:
 
 def _arrow() -> trimesh.Trimesh:
     """An arrow along +z from 0 to 1, with a head 1 wide."""
-    shaft = trimesh.creation.cylinder(0.15, segment=[[0, 0, 0], [0, 0, 0.75]], sections=12)
+    shaft = trimesh.creation.cylinder(0.15, segment=np.array([[0, 0, 0], [0, 0, 0.75]]), sections=12)
     head = trimesh.creation.cone(0.5, 0.25, sections=16).apply_translation((0, 0, 0.75))
-    arrow = trimesh.util.concatenate([shaft, head])
-    return _with_colours(arrow, np.tile(FORCE_COLOUR, (len(arrow.vertices), 1)))
+    arrow = shaft + head
+    return _with_colours(arrow, np.tile(np.array(FORCE_COLOUR), (len(arrow.vertices), 1)))
 
 
 def _cloud(points: np.ndarray, colour: str) -> trimesh.PointCloud:
+    """Points (n, 3) of one HTML colour."""
     colours = np.tile(_linear_bytes(colour), (len(points), 1))
     return trimesh.PointCloud(np.asarray(points, dtype=np.float32), colors=colours)
 
@@ -172,6 +184,6 @@ def _frustum(camera: Camera) -> trimesh.path.Path3D:
 
 
 def _linear_bytes(colour: str) -> np.ndarray:
-    """(4,) uint8 linear RGBA of an HTML colour."""
+    """Linear RGBA (4,) uint8 of an HTML colour."""
     encoded = np.array([int(colour[start : start + 2], 16) for start in (1, 3, 5)]) / 255
     return np.append(np.rint(255 * linear(encoded)), 255).astype(np.uint8)

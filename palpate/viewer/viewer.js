@@ -26,6 +26,8 @@
   const controls = new THREE.OrbitControls(eye, canvas);
   const leaves = []; // of the scene: {node, group, kind, name}
   const slider = document.getElementById("frame"); // of the closing; null without frames
+  const press = document.getElementById("press"); // its select; null without presses
+  const force = document.getElementById("force");
   const atRest = () => !slider || slider.value === slider.max;
 
   function render() {
@@ -82,13 +84,15 @@
   function apply() {
     const hidden = new Set([...document.querySelectorAll("input[data-kind]:not(:checked)")].map((x) => x.dataset.kind));
     for (const { node, group, kind } of leaves) {
-      const shown = group === "object" || (group === `grasp-${state.grasp}` && (kind !== "cloud" || atRest()));
+      const shown = group === "object" || (press?.value && group === `press-${press.value}`) || (group === `grasp-${state.grasp}` && (kind !== "cloud" || atRest()));
       node.visible = shown && !hidden.has(kind);
     }
     for (const part of document.querySelectorAll("[data-grasp]")) part.hidden = part.dataset.grasp !== state.grasp;
     if (slider) showFrame();
+    if (press) showPress();
     const parts = [`grasp=${state.grasp}`];
     if (!atRest()) parts.push(`frame=${slider.value}`);
+    if (press?.value) parts.push(`press=${press.value}`, `force=${force.value}`);
     if (hidden.size) parts.push(`hide=${[...hidden].join(",")}`);
     if (state.camera !== null) parts.push(`camera=${state.camera}`);
     history.replaceState(null, "", `#${parts.join("&")}`);
@@ -110,6 +114,21 @@
     if (frames.readings) gels.forEach(({ node }, sensor) => node.traverse(({ material }) => {
       if (material) images[sensor].decode().then(() => draw(material, images[sensor]), () => {}); // the next came first
     }));
+  }
+
+  // The sensor at the slider's force, and its reading on the gel and beside the scene.
+  function showPress() {
+    const shown = page.presses[press.value], number = Number(force.value);
+    const [image, line] = document.getElementById("pressed").children;
+    document.getElementById("pressed").hidden = !shown;
+    if (!shown) return;
+    image.src = shown.readings[number];
+    line.textContent = shown.lines[number];
+    const { node } = leaves.find(({ group }) => group === `press-${press.value}`);
+    node.matrix.set(...shown.poses[number], 0, 0, 0, 1).decompose(node.position, node.quaternion, node.scale);
+    node.traverse(({ material }) => {
+      if (material) image.decode().then(() => draw(material, image), () => {}); // the next came first
+    });
   }
 
   function draw(material, image) {
@@ -138,6 +157,8 @@
       state.grasp = grasp.value;
     }
     if (slider && asked.has("frame")) slider.value = asked.get("frame");
+    if (page.presses[asked.get("press")]) press.value = asked.get("press");
+    if (press && asked.has("force")) force.value = asked.get("force");
     const hidden = (asked.get("hide") ?? "").split(",");
     for (const box of document.querySelectorAll("input[data-kind]")) {
       if (asked.has("hide")) box.checked = !hidden.includes(box.dataset.kind);
@@ -180,7 +201,7 @@
       apply();
     });
   }
-  slider?.addEventListener("input", apply);
+  for (const input of [slider, press, force]) input?.addEventListener("input", apply);
   document.getElementById("play")?.addEventListener("click", play);
   function fade(slider) {
     const opacity = Number(slider.value);

@@ -2,12 +2,14 @@
 
 import os
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
+from types import ModuleType
 
 from palpate.vision.system import install_command, missing_libraries
 
 
-def load():
+def load() -> ModuleType:
     """Import `bpy`, once, and return it.
 
     Blender's thread pool takes the size of the machine when it starts, and its idle threads spin: a render with one
@@ -27,6 +29,7 @@ def load():
 
 
 def _advice(error: ImportError) -> str:
+    """The message for a Blender that can't be imported: what to install, or what to import earlier."""
     if missing := missing_libraries():
         return (
             f"Blender can't start without the system libraries {', '.join(missing)}. On Debian and Ubuntu, as"
@@ -41,8 +44,8 @@ def _advice(error: ImportError) -> str:
 
 
 @contextmanager
-def _one_core():
-    """This process on one core for as long as the context lasts, where the system can do that."""
+def _one_core() -> Iterator[None]:
+    """Keep this process on one core for as long as the context lasts, where the system can do that."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return
@@ -55,8 +58,8 @@ def _one_core():
 
 
 @contextmanager
-def quiet():
-    """Suppresses Blender's messages on standard output, which bypass Python's `sys.stdout`."""
+def quiet() -> Iterator[None]:
+    """Suppress Blender's messages on standard output, which bypass Python's `sys.stdout`."""
     sys.stdout.flush()
     saved = os.dup(1)
     nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -6,6 +6,7 @@ A drawn geom lies inside its closed form: vertices are on its surface with edges
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 # Radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, at most so many metres.
 BEVEL_SHARE, LARGEST_BEVEL = 0.5, 0.003
@@ -18,7 +19,9 @@ CYLINDER_SECTORS = 48
 Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
+def triangles(
+    kind: str, size: ArrayLike, vertices: np.ndarray | None = None, faces: np.ndarray | None = None
+) -> Triangles:
     """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame.
 
     kind and size as in `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a geom of kind mesh; without faces its
@@ -44,19 +47,13 @@ def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
 
 def _hull_or_mesh(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
     """A mesh as it is, or without faces its vertices' convex hull; every face flat, with its own vertices."""
-
-    def across(faces):
-        corners = vertices[faces]
-        return corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
     if not len(faces):
-        from scipy.spatial import ConvexHull
+        from trimesh.convex import convex_hull
 
-        hull = ConvexHull(vertices)
-        faces = hull.simplices.copy()
-        inwards = (across(faces)[1] * hull.equations[:, :3]).sum(axis=1) < 0
-        faces[inwards] = faces[inwards][:, ::-1]
-    corners, towards = across(faces)
+        hull = convex_hull(vertices)
+        vertices, faces = hull.vertices, hull.faces
+    corners = vertices[faces]
+    towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
     return corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), np.repeat(towards, 3, axis=0)
 
@@ -109,7 +106,8 @@ def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Trian
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     square = _grid_faces(len(ticks), len(ticks))
 
-    vertices, normals, faces = [], [], []
+    vertices: list[np.ndarray] = []
+    normals, faces = [], []
     for axis in range(3):
         order = np.argsort([axis, (axis + 1) % 3, (axis + 2) % 3])
         for side in (1.0, -1.0):

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.camera import Camera, matrices
 
@@ -25,7 +26,7 @@ class Layers(NamedTuple):
 
     combined: np.ndarray  # (s, s, 4) linear RGBA, colours premultiplied by alpha
     depth: np.ndarray  # (s, s) metres, `NOTHING` and more where there is nothing
-    index: np.ndarray  # (s, s) 1 for the object, 0 for all else
+    object_index: np.ndarray  # (s, s) 1 for the object, 0 for all else
 
     @classmethod
     def empty(cls, size: int) -> "Layers":
@@ -33,11 +34,11 @@ class Layers(NamedTuple):
         blank = np.zeros((size, size), dtype=np.float32)
         return cls(np.zeros((size, size, 4), dtype=np.float32), blank + 10 * np.float32(NOTHING), blank)
 
-    def image(self, background: tuple[float, float, float] | None) -> Image:
+    def image(self, background: ArrayLike | None) -> Image:
         """The image over a background in linear RGB; for none, with a fourth channel."""
         nothing = ~((self.depth > 0) & (self.depth < NOTHING))
         depth = np.where(nothing, np.inf, self.depth).astype(np.float16)
-        mask = np.where(~nothing & (self.index > 0.5), 255, 0).astype(np.uint8)
+        mask = np.where(~nothing & (self.object_index > 0.5), 255, 0).astype(np.uint8)
         return Image(over_background(self.combined, background), mask, depth)
 
 
@@ -78,18 +79,19 @@ def srgb(linear: np.ndarray) -> np.ndarray:
     return (encoded * 255 + 0.5).astype(np.uint8)
 
 
-def linear(encoded: np.ndarray) -> np.ndarray:
+def linear(encoded: ArrayLike) -> np.ndarray:
     """sRGB colours in 0..1 as linear light: the inverse of `srgb`."""
     encoded = np.asarray(encoded, dtype=float)
     return np.where(encoded <= 0.04045, encoded / 12.92, np.float_power((encoded + 0.055) / 1.055, 2.4))
 
 
-def over_background(combined: np.ndarray, background: tuple[float, float, float] | None) -> np.ndarray:
+def over_background(combined: np.ndarray, background: ArrayLike | None) -> np.ndarray:
     """Premultiplied linear RGBA (..., 4) over a linear colour as sRGB (..., 3); over none, sRGBA (..., 4)."""
     colour, alpha = combined[..., :3], combined[..., 3:]
     if background is not None:
         behind = np.asarray(background, dtype=np.float32)
-        result, seen = np.broadcast_to(srgb(behind), colour.shape).copy(), combined.any(axis=-1)
+        result = np.broadcast_to(srgb(behind), colour.shape).copy()
+        seen = combined.any(axis=-1)
         result[seen] = srgb(colour[seen] + (1 - alpha[seen]) * behind)
         return result
     straight = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.hand import Hand
 from palpate.vision import geom
@@ -14,11 +15,11 @@ class Mesh(NamedTuple):
     vertices: np.ndarray  # (n, 3) metres
     faces: np.ndarray  # (f, 3) int
     # sRGB in 0..1: (3,), of vertices (n, 3) (blended over the faces), or of faces (f, 3).
-    colours: np.ndarray = (0.7, 0.7, 0.7)
+    colours: np.ndarray | tuple[float, float, float] = (0.7, 0.7, 0.7)
     normals: np.ndarray | None = None  # (n, 3) for smooth shading; None keeps edges sharper than 30 degrees
 
 
-def spheres(points: np.ndarray, radius: float, colours=(0.8, 0.1, 0.1), segments: int = 4) -> Mesh:
+def spheres(points: np.ndarray, radius: float, colours: ArrayLike = (0.8, 0.1, 0.1), segments: int = 4) -> Mesh:
     """Points (n, 3) as small spheres of a radius in metres; colours: sRGB (3,) or one a point (n, 3)."""
     points = np.asarray(points, dtype=float)
     vertices, faces, normals = geom.sphere(radius, segments)

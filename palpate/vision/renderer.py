@@ -73,13 +73,23 @@ class Renderer:
 
     samples: Cycles' samples a pixel for the colours. device: "cpu", "gpu", or "auto": a GPU if Cycles finds one.
     threads: of the CPU. exr: a folder that keeps every image as a multilayer EXR file with 32 bit floats, or None.
-    Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed.
+    centres: whether mask and depth are rendered at the pixels' centres; else they are those of Cycles' first sample,
+    which figures, that show colours, do as well with.
+    Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed. The
+    steps of a picture are methods, for `studies/omitted` to replace.
     """
 
-    _alive = None
+    _alive: weakref.ref["Renderer"] | None = None
 
-    def __init__(self, samples: int = SAMPLES, device: str = "auto", threads: int = 1, exr: Path | str | None = None):
-        self.samples = samples
+    def __init__(
+        self,
+        samples: int = SAMPLES,
+        device: str = "auto",
+        threads: int = 1,
+        exr: Path | str | None = None,
+        centres: bool = True,
+    ):
+        self.samples, self.centres = samples, centres
         self.cycles: Mapping[str, Any] = {}
         self.exr = None if exr is None else Path(exr)
         if self.exr is not None:
@@ -88,7 +98,8 @@ class Renderer:
         enough = shared.is_dir() and shutil.disk_usage(shared).free > FREE_MEMORY
         self._folder = Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if enough else None))
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-        self._hand, self._links = None, []
+        self._hand: Hand | None = None
+        self._links: list[tuple[int, Any, np.ndarray]] = []
         bpy.ops.wm.read_factory_settings(use_empty=True)
         Renderer._alive = weakref.ref(self)
         self.device = _choose_device(device)
@@ -112,7 +123,7 @@ class Renderer:
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """What `render` gives, from each of the cameras instead of the scene's own.
+        """The images that `render` gives, from each of the cameras instead of the scene's own.
 
         EXR files are named after the object, and the number of the camera if it is not the first. Raises UnusableObject
         if the object's file can't be read or holds no triangles, or if an image of the object alone doesn't show it;
@@ -120,34 +131,34 @@ class Renderer:
         """
         self._take_hand(scene.hand)
         grasps = range(len(scene.link_pose))
-        seen = [(replace(scene, camera=each), f"-camera-{k}" if k else "") for k, each in enumerate(cameras)]
+        shots = [(replace(scene, camera=camera), f"-camera-{k}" if k else "") for k, camera in enumerate(cameras)]
         with self._temporary_data():
             self._light(scene.lights, scene.object_position)
-            points = self._import(scene.visual_file, scene.object_position)
+            points = self.import_object(scene.visual_file, scene.object_position)
             unoccluded = []
-            for each, suffix in seen:
-                unoccluded.append(self._draw_unoccluded(each, points, suffix))
+            for shot, suffix in shots:
+                unoccluded.append(self.draw_unoccluded(shot, points, suffix))
                 if not unoccluded[-1].image(None).mask.any():
-                    size = each.camera.size
+                    size = shot.camera.size
                     raise UnusableObject(
                         f"{scene.visual_file}: no pixel of {size} x {size} shows the object"
                         f"{suffix.replace('-', ' ')}: make its materials less transparent, or the object thicker"
                     )
-            occluded = [[self._draw_occluded(each, points, grasp, suffix) for grasp in grasps] for each, suffix in seen]
-        behind = None if scene.background is None else tuple(linear(scene.background))
+            occluded = [[self.draw_occluded(shot, points, grasp, suffix) for grasp in grasps] for shot, suffix in shots]
+        behind = None if scene.background is None else linear(scene.background)
         return [
             (alone.image(behind), [layers.image(behind) for layers in held])
             for alone, held in zip(unoccluded, occluded, strict=True)
         ]
 
-    def _draw_unoccluded(self, scene: Scene, points: np.ndarray, suffix: str = "") -> Layers:
+    def draw_unoccluded(self, scene: Scene, points: np.ndarray, suffix: str = "") -> Layers:
         """The object alone. points: (n, 3) its vertices in the world. suffix: of the EXR file's name."""
-        return self._draw(scene.camera, points, f"{scene.name}-unoccluded{suffix}")
+        return self.draw(scene.camera, points, f"{scene.name}-unoccluded{suffix}")
 
-    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int, suffix: str = "") -> Layers:
+    def draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int, suffix: str = "") -> Layers:
         """The object with the hand in one of the scene's grasps. points: (n, 3) the object's vertices in the world."""
-        points = np.concatenate([points, self._pose_hand(scene.link_pose[grasp])])
-        return self._draw(scene.camera, points, f"{scene.name}-grasp-{grasp}{suffix}")
+        points = np.concatenate([points, self.pose_hand(scene.link_pose[grasp])])
+        return self.draw(scene.camera, points, f"{scene.name}-grasp-{grasp}{suffix}")
 
     def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
         """The object of a scene alone over white, from each of the cameras instead of its own.
@@ -158,12 +169,12 @@ class Renderer:
         self._take_hand(None)
         with self._temporary_data():
             lamps = self._light(scene.lights, scene.object_position)
-            points = self._import(scene.visual_file, scene.object_position)
+            points = self.import_object(scene.visual_file, scene.object_position)
             layers = []
             for camera in cameras:
                 _pose_lamps(lamps, scene.object_position, camera.rotation @ scene.camera.rotation.T)
-                layers.append(self._draw(camera, points))
-        return [each.image(WHITE) for each in layers]
+                layers.append(self.draw(camera, points))
+        return [passes.image(WHITE) for passes in layers]
 
     def render_meshes(
         self,
@@ -175,8 +186,8 @@ class Renderer:
     ) -> Image:
         """Meshes and a hand from any viewpoint, for figures; the mask has all but the hand. Files: `render`.
 
-        link_pose: (L, 4, 4) of the hand's links. camera: default, the paper's. background: linear RGB; None is
-        transparent.
+        link_pose: (L, 4, 4) of the hand's links, if there is one. camera: default, the paper's. background: linear RGB;
+        None is transparent.
         """
         self._take_hand(hand)
         with self._temporary_data():
@@ -187,13 +198,13 @@ class Renderer:
                 body.pass_index = OBJECT_INDEX
                 drawn.append(np.asarray(mesh.vertices, dtype=float))
             if hand is not None:
-                drawn.append(self._pose_hand(link_pose))
-            layers = self._draw(camera or paper_camera(), np.concatenate(drawn))
+                drawn.append(self.pose_hand(np.asarray(link_pose)))
+            layers = self.draw(camera or paper_camera(), np.concatenate(drawn))
         return layers.image(background)
 
     @contextmanager
     def _temporary_data(self) -> Iterator[None]:
-        """Removes data blocks that were added to Blender within the context; Cycles keeps its data for as long."""
+        """Remove data blocks that were added to Blender within the context; Cycles keeps its data for as long."""
         before = {block.session_uid for block in _blocks()}
         self._scene.render.use_persistent_data = True
         try:
@@ -216,14 +227,14 @@ class Renderer:
         for _, body, _ in self._links:
             body.hide_render = True
 
-    def _import(self, path: Path, position: Sequence[float]) -> np.ndarray:
+    def import_object(self, path: Path, position: Sequence[float]) -> np.ndarray:
         """Put an object's file, its origin at a position, into Blender; returns its vertices (n, 3) in the world."""
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected an object's visual.glb")
         before = set(bpy.data.objects)
         try:
             with blender.quiet():
-                self._read_file(path)
+                self.read_file(path)
         except Exception as error:
             reason = str(error).strip().splitlines()[-1]
             raise UnusableObject(f"{path}: Blender can't read it as glTF ({reason})") from error
@@ -242,21 +253,22 @@ class Renderer:
         pose[:3, :3], pose[:3, 3] = FILE_ROTATION, position
         self._origin.matrix_world = _matrix(pose)
         bpy.context.view_layer.update()
-        points = [np.zeros((0, 3))]
+        world = [np.zeros((0, 3))]
         for body in bodies:
             body.pass_index = OBJECT_INDEX
             vertices, pose = np.empty(3 * len(body.data.vertices), dtype=np.float32), np.array(body.matrix_world)
             body.data.vertices.foreach_get("co", vertices)
-            points.append(vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3])
-        points = np.concatenate(points)
+            world.append(vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3])
+        points = np.concatenate(world)
         if not len(points) or not np.isfinite(points).all():
             raise UnusableObject(f"{path}: expected triangles with finite coordinates, found {len(points)} vertices")
         return points
 
-    def _read_file(self, path: Path) -> None:
+    def read_file(self, path: Path) -> None:
+        """Import a glTF file into Blender, without materials that nothing uses."""
         bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=False)
 
-    def _pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
+    def pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
         """Show the hand, its links at poses (L, 4, 4); returns its vertices (n, 3) in the world."""
         points = [np.zeros((0, 3))]
         for link, body, vertices in self._links:
@@ -274,7 +286,7 @@ class Renderer:
         _pose_lamps(lamps, centre, np.eye(3))
         return lamps
 
-    def _draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
+    def draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
         """Render what is in Blender, its vertices being `points` (n, 3); keep it if masters are kept.
 
         master: the EXR file's name; none keeps nothing.
@@ -285,21 +297,21 @@ class Renderer:
         self._camera.matrix_world = _matrix(camera.pose())
         for name, value in {**CYCLES, **self.cycles}.items():
             setattr(self._scene.cycles, name, value)
-        rectangle = self._rectangle(camera, points)
+        rectangle = self.rectangle(camera, points)
         if rectangle is None:
             return Layers.empty(camera.size)
         _crop(self._scene.render, camera.size, *rectangle)
         nearest = np.min(camera.project(points)[1])
         self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)
-        colour = self._render(self.samples, PIXEL_FILTER)
-        point = self._render_centres()
-        layers = Layers(colour.combined, point.depth, point.index)
+        colour = self.render_layers(self.samples, PIXEL_FILTER)
+        point = self.render_centres() if self.centres else colour
+        layers = Layers(colour.combined, point.depth, point.object_index)
         if master is not None and self.exr is not None:
             write_layers(self.exr / f"{master}.exr", layers)
         return layers
 
     @staticmethod
-    def _rectangle(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    def rectangle(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Corners (2,) of the pixels in which points (n, 3) lie: (column, row), the second one outside; None if no
         point is in the image. Cycles draws the same random numbers for a pixel whatever the rectangle."""
         pixels, depth = camera.project(points)
@@ -311,11 +323,12 @@ class Renderer:
             high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN, 0, camera.size)
         return None if (low >= high).any() else (low, high)
 
-    def _render_centres(self) -> Layers:
+    def render_centres(self) -> Layers:
         """Mask and depth, one sample at each pixel's centre."""
-        return self._render(1, POINT_FILTER)
+        return self.render_layers(1, POINT_FILTER)
 
-    def _render(self, samples: int, filter_width: float) -> Layers:
+    def render_layers(self, samples: int, filter_width: float) -> Layers:
+        """Render with a number of samples a pixel and a width (pixels) of the pixel filter; OSError without space."""
         scene = self._scene
         scene.cycles.samples = samples
         scene.cycles.filter_width = filter_width
@@ -349,17 +362,17 @@ def _choose_device(device: str) -> str:
             preferences.compute_device_type = kind
         except TypeError:  # this build of Blender doesn't know the kind
             continue
-        found = [entry for entry in preferences.get_devices_for_type(kind) if entry.type == kind]
-        for entry in found:
+        devices = [entry for entry in preferences.get_devices_for_type(kind) if entry.type == kind]
+        for entry in devices:
             entry.use = True
-        if found:
+        if devices:
             return "gpu"
     if device == "gpu":
         raise RuntimeError("device gpu: Cycles finds none (driver missing?); use device cpu or auto")
     return "cpu"
 
 
-def _set_up_render(scene, threads: int, device: str) -> None:
+def _set_up_render(scene: Any, threads: int, device: str) -> None:
     """Render settings of all images."""
     render, layer = scene.render, scene.view_layers[0]
     render.engine = "CYCLES"
@@ -376,7 +389,7 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     scene.cycles.device = device.upper()
 
 
-def _lamp(scene, light: Light):
+def _lamp(scene: Any, light: Light) -> Any:
     """A lamp, not yet posed. Cameras don't see it, only what it lights."""
     data = bpy.data.lights.new("lamp", light.kind.upper())
     data.energy, data.color = light.energy, linear(light.colour)
@@ -395,21 +408,24 @@ def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], tur
     """Put lamps where their lights are, turned by a rotation (3, 3) about the object's place `centre` (3,)."""
     for body, light in lamps:
         target = centre if light.target is None else light.target
-        away = turn @ np.subtract(light.position, target)
-        body.location = centre + turn @ np.subtract(light.position, centre)
+        position = np.array(light.position)
+        away = turn @ (position - target)
+        body.location = centre + turn @ (position - centre)
         body.rotation_euler = Vector(away).to_track_quat("Z", "Y").to_euler()
 
 
 def _matrix(pose: np.ndarray) -> Matrix:
+    """A pose (4, 4) as Blender has it."""
     return Matrix(pose.tolist())
 
 
-def _link(scene, body):
+def _link(scene: Any, body: Any) -> Any:
+    """Put an object into a scene; returns it."""
     scene.collection.objects.link(body)
     return body
 
 
-def _coloured_material(name: str, roughness: float):
+def _coloured_material(name: str, roughness: float) -> Any:
     """A dielectric whose colour is the mesh's attribute "colour"."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
@@ -422,7 +438,7 @@ def _coloured_material(name: str, roughness: float):
     return material
 
 
-def _blender_object(name: str, mesh: Mesh, material):
+def _blender_object(name: str, mesh: Mesh, material: Any) -> Any:
     """A Blender object with smooth shading and colours, not yet in a scene."""
     vertices = np.asarray(mesh.vertices, dtype=np.float32)
     faces = np.asarray(mesh.faces, dtype=np.int32)
@@ -449,7 +465,7 @@ def _blender_object(name: str, mesh: Mesh, material):
     return bpy.data.objects.new(name, data)
 
 
-def _crop(render, size: int, low: np.ndarray, high: np.ndarray) -> None:
+def _crop(render: Any, size: int, low: np.ndarray, high: np.ndarray) -> None:
     """Render only the rectangle between two corners, pixels as (column, row), of an image."""
     inside = 0.1  # pixels: Blender rounds down
     render.border_min_x, render.border_max_x = (low[0] + inside) / size, (high[0] + inside) / size

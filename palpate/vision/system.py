@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 
 # Libraries that `bpy` 4.5 links against (`ldd`) and does not bring along, by Debian package (`dpkg -S`). The last is
 # `pymeshlab`'s: without it most of its filters are missing.
@@ -36,12 +37,13 @@ def missing_libraries() -> dict[str, str]:
     return missing
 
 
-def install_command(packages) -> str:
+def install_command(packages: Iterable[str]) -> str:
     """The command that installs Debian packages."""
     return "apt-get install --yes --no-install-recommends " + " ".join(sorted(set(packages)))
 
 
 def main(arguments: list[str] | None = None) -> int:
+    """Name what is missing, or install it with `--install`; returns the exit status, 1 if libraries are missing."""
     parser = argparse.ArgumentParser(description="Name the system libraries that are missing.")
     parser.add_argument("--install", action="store_true", help="install them, as root on a system with apt")
     install = parser.parse_args(arguments).install

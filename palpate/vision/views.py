@@ -33,7 +33,7 @@ _BEFORE_X = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # axes of a camera on
 
 
 class Viewpoint(NamedTuple):
-    """Where a view is taken from; angles in degrees."""
+    """The place that a view is taken from; angles in degrees."""
 
     azimuth: float
     elevation: float
@@ -52,7 +52,7 @@ def viewpoints(generator: np.random.Generator, count: int = COUNT) -> list[Viewp
     """`count` viewpoints with the distribution of Choy et al.; the first are the same whatever the count."""
     low, high = zip(AZIMUTH, ELEVATION, DISTANCE, strict=True)
     drawn = generator.uniform(low, high, (count, 3))
-    return [Viewpoint(*each) for each in drawn.tolist()]
+    return [Viewpoint(*numbers) for numbers in drawn.tolist()]
 
 
 def camera(viewpoint: Viewpoint, size: int = SIZE, scale: float = DIAGONAL) -> Camera:
@@ -72,5 +72,8 @@ def render(renderer: "Renderer", scene: "Scene", at: Iterable[Viewpoint], size: 
     images = renderer.render_views(scene, cameras)
     if not any(image.mask.any() for image in images):
         raise UnusableObject(f"{scene.visual_file}: no view shows the object: make its materials less transparent")
-    made = [(image.rgb, image.mask, each.matrix()) for image, each in zip(images, cameras, strict=True)]
-    return Views(*map(np.stack, zip(*made, strict=True)))
+    return Views(
+        image=np.stack([image.rgb for image in images]),
+        mask=np.stack([image.mask for image in images]),
+        camera=np.stack([camera.matrix() for camera in cameras]),
+    )

@@ -27,10 +27,12 @@ def processor() -> float:
 
 
 def arrays(sample: dict) -> dict:
+    """The arrays of a sample of webdataset, by name."""
     return {name: np.asarray(values) for name, values in sample.items() if name.endswith((".npy", ".png"))}
 
 
 def main() -> None:
+    """Print milliseconds a grasp and cores used by both readers."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", help="its folder")
     parser.add_argument("export", type=Path, help="of the run, as WebDataset")
@@ -49,8 +51,8 @@ def main() -> None:
         count = sum(len(next(iter(batch.values()))) for batch in reader)
         used = processor() - before
         rounds[name].append((1e3 * used / count, used / (time.perf_counter() - started)))
-    for name, found in rounds.items():
-        used, cores = map(median, zip(*found, strict=True))
+    for name, measured in rounds.items():
+        used, cores = map(median, zip(*measured, strict=True))
         print(f"{name}: {used:.1f} ms of the processor a grasp, {cores:.1f} cores busy")
 
 

@@ -20,6 +20,7 @@ OBJECTS, CORES = 100_000, 64
 
 
 def main() -> None:
+    """Print the tables of a run's stages, and of what many objects would take."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, help="a run's folder, results/<run>")
     run = parser.parse_args().run
@@ -44,11 +45,14 @@ def main() -> None:
 
 
 def many_objects(run: Path, seconds: pd.Series, objects: int) -> pd.DataFrame:
-    """What stages take of 100,000 objects. seconds: of wall time an object, by stage; objects: that the run has."""
+    """Time and space that stages take of 100,000 objects.
+
+    seconds: of wall time an object, by stage. objects: how many the run has.
+    """
     table = pd.DataFrame({"hours of one core": seconds * OBJECTS / 3600})
     table[f"hours on {CORES} cores"] = table["hours of one core"] / CORES
     files = {stage: run.joinpath(FOLDERS.get(stage, stage)).rglob("*") for stage in table.index}
-    sizes = {stage: sum(file.stat().st_size for file in found if file.is_file()) for stage, found in files.items()}
+    sizes = {stage: sum(file.stat().st_size for file in paths if file.is_file()) for stage, paths in files.items()}
     table["TB"] = pd.Series(sizes) * OBJECTS / objects / 1e12
     table.loc["all"] = table.sum()
     return table

@@ -29,7 +29,7 @@ def read_plainly(run: Path, dataset: Dataset, grasps: GraspDataset, number: int)
         path = run / CONTRACT[stage].path(record.batch)
         if stage not in opened:
             opened[stage] = h5py.File(path) if path.suffix == ".h5" else zarr.open_group(path, mode="r")
-        names = [each.decode() if isinstance(each, bytes) else each for each in opened[stage]["object"][:]]
+        names = [stored.decode() if isinstance(stored, bytes) else stored for stored in opened[stage]["object"][:]]
         index = (names.index(record.name), *([grasp] if spec.of_grasps else []), *([0] if spec.of_cameras else []))
         values[name] = opened[stage][spec.name][index]
     return values
@@ -45,6 +45,7 @@ def rate(read: Callable[[int], object], length: int, seconds: float) -> float:
 
 
 def main() -> None:
+    """Print grasps a second, by `Dataset` and by zarr and h5py alone."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--seconds", type=float, default=5)

@@ -28,6 +28,7 @@ OURS = "single_image"
 
 
 def main() -> None:
+    """Print a table with a row for each experiment."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--recipe", default="fast")
@@ -49,16 +50,16 @@ def main() -> None:
     truth = steps[OURS].learner.truth
     for derive in (truth.trees, truth.normals, truth.occupied):
         derive(data.of_split("train"))
-    for each in steps.values():
-        each.learner.truth = truth
+    for training in steps.values():
+        training.learner.truth = truth
     seconds = {name: [] for name in steps}
     for number in range(args.steps):
-        for name, each in steps.items():
-            seconds[name].append(each(number))
+        for name, step in steps.items():
+            seconds[name].append(step(number))
     middle = {name: statistics.median(times[len(times) // 4 :]) for name, times in seconds.items()}
     rows = []
-    for name, each in steps.items():
-        parameters = sum(weights.numel() for weights in each.learner.model.parameters())
+    for name, training in steps.items():
+        parameters = sum(weights.numel() for weights in training.learner.model.parameters())
         rows.append((name, f"{parameters:,}", f"{1e3 * middle[name]:.0f}", f"{middle[OURS] / middle[name]:.2f}"))
     print(tabulate(rows, ("experiment", "parameters", "ms a step", "steps for equal time"), "github"))
 

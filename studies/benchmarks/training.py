@@ -62,16 +62,17 @@ def combine(own: ExperimentData, larger: ExperimentData) -> ExperimentData:
 @torch.no_grad()
 def smoothness(model: Reconstruction, data: ExperimentData, experiment: Experiment, count: int) -> np.ndarray:
     """The numbers of `QUALITY` of a model's meshes, on average over so many windows of every validation object."""
-    assemble, surface = Assembler(data, experiment), topology(experiment.strategy)
-    found = [
+    assemble, surface = Assembler(data, experiment), topology(experiment.plan.start)
+    qualities = [
         surface_quality(model(assemble([sample]))[0].numpy(), surface, cKDTree(data["points"][sample.object]))
         for sample in windows(data, experiment, "validation")
         if sample.window < count
     ]
-    return np.mean(found, axis=0)
+    return np.mean(qualities, axis=0)
 
 
 def main() -> None:
+    """Print a table with a row for each variant and seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--experiment", default="charts_occluded_touch")
@@ -116,13 +117,14 @@ def main() -> None:
         settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
         with tempfile.TemporaryDirectory() as folder:
             learner = learner_of(seed, settings)
-            found = train(learner, f"{folder}/model", f"{folder}/checkpoints", Machine("cpu"), name)
+            summary = train(learner, f"{folder}/model", f"{folder}/checkpoints", Machine("cpu"), name)
             rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
             smooth = smoothness(load(f"{folder}/model/best.ckpt"), data, experiment, args.windows)
-        losses = found["validation_loss"], rows["validation_loss"][-1], rows["train_loss"][-1]
+        losses = summary["validation_loss"], rows["validation_loss"][-1], rows["train_loss"][-1]
         best, last, of_training = (f"{loss:.2f}" for loss in losses)
-        cells = [name, f"{found['parameters']:,}", f"{1e3 * seconds:.0f}", steps, best, found["best_step"], last]
-        print(f"| {' | '.join(map(str, [*cells, of_training, *(f'{each:.1f}' for each in smooth)]))} |", flush=True)
+        cells = [name, f"{summary['parameters']:,}", f"{1e3 * seconds:.0f}", steps, best, summary["best_step"], last]
+        cells += [of_training, *(f"{quality:.1f}" for quality in smooth)]
+        print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -14,10 +14,10 @@ import trimesh
 from torch import Tensor
 
 from palpate.charts import sample_faces, vision_atlas
-from palpate.learning.losses import Truth, reconstruction_loss
 from palpate.learning.metrics import score
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface
+from palpate.models.losses import Target, Truth, reconstruction_loss
 from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample as sample_exterior
 from studies.error_vs_runtime.study import Method, Study, variants
@@ -59,7 +59,7 @@ def exact(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, surface: 
     """
     on = sample(vertices, faces, REFERENCE_POINTS)
     squares = [(p - other.closest(p)[1]) ** 2 for p, other in ((on, surface), (points, Surface(vertices, faces)))]
-    return CHAMFER_SCALE * float(sum(each.sum(axis=1).mean() for each in squares))
+    return CHAMFER_SCALE * float(sum(one_way.sum(axis=1).mean() for one_way in squares))
 
 
 def outer_faces(mesh: trimesh.Trimesh) -> np.ndarray:
@@ -90,10 +90,12 @@ class Chamfer(Study):
     )
 
     def case(self, subject: Subject) -> Pair:
+        """The object, and a prediction near it."""
         mesh = load_visual(subject.folder)
         return pair(mesh.vertices + np.array(OBJECT_POSITION), outer_faces(mesh), self.settings["surface"]["points"])
 
     def methods(self) -> list[Method]:
+        """Losses and scores of several numbers of points."""
         n, of_score = self.settings["recipe"]["reconstruction"]["loss_points"], self.settings["evaluation"]["points"]
         counts, scored = sorted({*LOSS_POINTS, n}), sorted({*EVALUATION_POINTS, of_score})
         return [
@@ -102,12 +104,13 @@ class Chamfer(Study):
         ]
 
     def errors(self, case: Pair, result: Draws) -> dict[str, float]:
+        """Errors of `DRAWS` draws relative to the distance, in percent; NaN for the measures of the other method."""
         draws = np.array([result.first, *map(result.draw, range(1, DRAWS))])
         off = 100 * (draws / case.distance - 1)
         values = float(np.mean(off**2) ** 0.5), abs(float(off.mean())), float(off.std(ddof=1))
         names = (f"{result.of}: {key}" for key in ("root mean square", "bias", "spread"))
-        found = dict(zip(names, values, strict=True))
-        return {key: found.get(key, float("nan")) for key in self.units}
+        errors = dict(zip(names, values, strict=True))
+        return {key: errors.get(key, float("nan")) for key in self.units}
 
 
 def pair(vertices: np.ndarray, faces: np.ndarray, count: int) -> Pair:
@@ -128,7 +131,7 @@ def training_loss(n: int, case: Pair) -> Draws:
     def draw(seed: int) -> float:
         vertices = case.vertices[None].clone().requires_grad_()
         generator = torch.Generator().manual_seed(seed)
-        loss = reconstruction_loss(vertices, case.faces, case.truth, [0], n, generator).sum()
+        loss = reconstruction_loss(vertices, case.faces, Target(case.truth, [0], n, generator)).sum()
         loss.backward()
         return float(loss.detach())
 

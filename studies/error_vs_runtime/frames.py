@@ -42,11 +42,13 @@ class FramesStudy(Study):
     reference = "every state of the closing; between frames sensors move on straight lines"
 
     def case(self, subject: Subject) -> Case:
+        """Some closings of the object, and sensors' positions in every state of them."""
         grasper = grasper_of(self.run, subject)
         closings = find_closings(grasper, generator(0, subject.name, "frames study"), CLOSINGS)
         return grasper, closings, record(grasper.simulation.steps + 1, (grasper, closings, np.empty(0)))[1]
 
     def methods(self) -> list[Method]:
+        """Several numbers of frames."""
         return variants("closing", "frames", COUNTS, partial(partial, record), self.settings["frames"]["count"])
 
     def errors(self, case: Case, result: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:

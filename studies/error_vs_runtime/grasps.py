@@ -106,8 +106,8 @@ def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, s
             simulation.data.ctrl[:] = start + share * (target - start)
             mujoco.mj_step(simulation.model, simulation.data)
             if step > steps - max(1, round(FORCE_DURATION / setup.timestep)):
-                found = contacts(simulation)
-                pressed.append(found.force[found.other == OBJECT].sum())
+                touching = contacts(simulation)
+                pressed.append(touching.force[touching.other == OBJECT].sum())
         ends.append(simulation.data.qpos[: len(target)].copy())
         forces.append(np.mean(pressed))
         finite &= not any(warning.number for warning in simulation.data.warning)
@@ -166,12 +166,12 @@ class GraspStudy(Study):
         return ClosingSettings(self.settings["grasps"]["timestep"])
 
     def case(self, subject: Subject) -> Case:
-        """Raises ValueError if no palm pose is free of the object."""
+        """Closings of the object with their references. Raises ValueError if no palm pose is free of the object."""
         collision, grasper = mesh.load_collision(subject.folder), grasper_of(self.run, subject)
-        found = find_closings(grasper, generator(0, subject.name, "closing study"), CLOSINGS)
-        if not found:
+        closings = find_closings(grasper, generator(0, subject.name, "closing study"), CLOSINGS)
+        if not closings:
             raise ValueError("no palm pose is free of the object: nothing can be closed")
-        poses, targets = map(np.array, zip(*found, strict=True))
+        poses, targets = map(np.array, zip(*closings, strict=True))
         rest = at_rest(grasper.hand, collision, poses, targets, self.default)
         short = replace(self.default, timestep=REFERENCE_TIMESTEP, iterations=100)
         keys = sorted({_engine(setup) for setup in (short, *(setup for _, setup in self._knobs()))})
@@ -190,6 +190,7 @@ class GraspStudy(Study):
                 yield field, replace(self.default, **{field: value})
 
     def methods(self) -> list[Method]:
+        """A method for every value of every knob."""
         methods = []
         for field, setup in self._knobs():
             (knob, _, factor), value = KNOBS[field], getattr(setup, field)
@@ -204,8 +205,8 @@ class GraspStudy(Study):
         links, right = (
             case.grasper.hand.forward(case.poses, q) for q in (result.joint_positions, case.at_rest.joint_positions)
         )
-        frames = [case.grasper.hand.sensor_frames(each) for each in (links, right)]
-        touches = [[case.grasper.caster.succeeds(p, r) for p, r in zip(*each, strict=True)] for each in frames]
+        frames = [case.grasper.hand.sensor_frames(poses) for poses in (links, right)]
+        touches = [[case.grasper.caster.succeeds(p, r) for p, r in zip(*sensors, strict=True)] for sensors in frames]
         numerics = {"timestep": 0, "integrator": "", "iterations": 0, "contact": 0}
         same = replace(result.setup, **numerics) == replace(self.default, **numerics)
 
@@ -218,7 +219,7 @@ class GraspStudy(Study):
         values = (
             degrees(case.at_rest),
             1e3 * float(np.linalg.norm(frames[0][0] - frames[1][0], axis=-1).mean()),
-            1e3 * max(case.grasper.check.in_object(each) for each in links),
+            1e3 * max(case.grasper.check.in_object(pose) for pose in links),
             100 * float((np.array(touches[0]) != np.array(touches[1])).mean()),
             degrees(case.same_motion) if same else float("nan"),
             newtons(case.same_motion) if same else float("nan"),
@@ -233,7 +234,7 @@ def _run(setup: ClosingSettings, case: Case) -> Closings:
 
 
 def _engine(setup: ClosingSettings) -> tuple[float, float, float]:
-    """What models are compiled for: cell size, time step and gain."""
+    """The properties that a model is compiled for: cell size, time step and gain."""
     return setup.cell, setup.timestep, setup.gain
 
 

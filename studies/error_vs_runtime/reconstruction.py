@@ -71,6 +71,7 @@ class ReconstructionStudy(Study):
 
     @property
     def reference(self) -> str:
+        """The true points, in words, with the numbers of samples."""
         return (
             f"the true points of {len(self.samples)} validation samples, and {self.points} points spread evenly on "
             f"each, by scipy's k-d trees in double precision. Each model was trained on {SAMPLES} samples, with one "
@@ -80,13 +81,15 @@ class ReconstructionStudy(Study):
 
     @property
     def timed_samples(self) -> int:
-        """How many samples the timed training steps have, the same for all variants."""
+        """Number of samples of the timed training steps, the same for all variants."""
         return 2 * self.base.batch
 
     def cases(self) -> Iterable[tuple[str, list[Sample]]]:
+        """All validation samples, as one case."""
         yield ALL, self.samples
 
     def methods(self) -> list[Method]:
+        """Trainings with one property of the model changed."""
         base, methods = self.base, []
         values = {
             "width": (base.width // 2, 2 * base.width),
@@ -103,10 +106,11 @@ class ReconstructionStudy(Study):
         return methods
 
     def errors(self, case: list[Sample], result: Variant) -> dict[str, float]:
+        """The mean Chamfer distance of the trained model's predictions."""
         faces, vertices = self.trained(result)[0].faces.numpy(), self.predict(result, case)
         distances = [
-            chamfer(each, faces, self.data["points"][sample.object], self.points)
-            for each, sample in zip(vertices, case, strict=True)
+            chamfer(mesh, faces, self.data["points"][sample.object], self.points)
+            for mesh, sample in zip(vertices, case, strict=True)
         ]
         return {"Chamfer distance": float(np.mean(distances))}
 

@@ -47,6 +47,8 @@ class ImagePair(NamedTuple):
 
 
 class Renders(Study):
+    """Cycles' samples, bounces and denoiser, in images of an object alone and in its first grasp."""
+
     stage = "renders"
     units = dict.fromkeys(("RMSE", "RMSE alone", "RMSE in the hand"), "grey levels")
     reference = (
@@ -63,9 +65,11 @@ class Renders(Study):
 
     @cached_property
     def renderer(self) -> Renderer:
+        """The renderer of all methods, with the run's settings."""
         return Renderer(self.vision["samples"], self.vision["device"])
 
     def case(self, subject: Subject) -> ImagePair:
+        """The object in its first grasp, with the middles of its reference images."""
         scene = scene_of(self.run, subject)
         case = ImagePair(replace(scene, link_pose=scene.link_pose[:1]), [], [])
         reference = self.reference_images(case)
@@ -83,6 +87,7 @@ class Renders(Study):
         return replace(whole, size=whole.size - 2 * round(whole.size * (1 - CROP) / 2))
 
     def methods(self) -> list[Method]:
+        """Several numbers of samples and bounces, and denoised images."""
         chosen, rendered = self.vision["samples"], self.rendered
         own = CYCLES["diffuse_bounces"]
         shares = sorted({max(1, round(chosen * share)) for share in DENOISED_SHARES})
@@ -104,11 +109,12 @@ class Renders(Study):
         return [unoccluded.rgb, occluded.rgb]
 
     def errors(self, case: ImagePair, result: list[np.ndarray]) -> dict[str, float]:
+        """Root mean square errors of the foreground: of both images, alone, in the hand."""
         images = [crop(image, len(reference)) for image, reference in zip(result, case.reference, strict=True)]
         triples = zip(images, case.reference, case.foreground, strict=True)
         shown = [(image[at], reference[at]) for image, reference, at in triples]
-        both = (np.concatenate(each) for each in zip(*shown, strict=True))
-        values = rms(*both), *(rms(*each) for each in shown)
+        both = (np.concatenate(pixels) for pixels in zip(*shown, strict=True))
+        values = rms(*both), *(rms(*pair) for pair in shown)
         return dict(zip(self.units, values, strict=True))
 
 

@@ -97,12 +97,13 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
     methods, objects = study.methods(), {}
     for name, case in study.cases():
         log.info("%s: %s, %d methods", study.stage, name, len(methods))
-        calls, found = {number: partial(method.run, case) for number, method in enumerate(methods)}, []
+        calls = {number: partial(method.run, case) for number, method in enumerate(methods)}
+        errors = []
         for number, method in enumerate(methods):
-            found.append(study.errors(case, calls[number]()))
-            log.info("  %s: %s", method, found[-1])
+            errors.append(study.errors(case, calls[number]()))
+            log.info("  %s: %s", method, errors[-1])
         times = interleaved(calls, rounds, warm=True)
-        objects[name] = [Measured(each, times[number]) for number, each in enumerate(found)]
+        objects[name] = [Measured(of_method, times[number]) for number, of_method in enumerate(errors)]
     if len(objects) > 1:
         objects[ALL] = [_mean_over_objects(of_method) for of_method in zip(*objects.values(), strict=True)]
     rows = [row for name, measured in objects.items() for row in _rows(study, name, methods, measured, rounds)]
@@ -145,14 +146,14 @@ def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
 def _mean_over_objects(measured: Iterable[Measured]) -> Measured:
     """One method on several objects: mean errors, the mean time round by round."""
     errors, times = zip(*measured, strict=True)
-    means = {key: float(np.mean([each[key] for each in errors])) for key in errors[0]}
-    return Measured(means, timing(np.mean([each.rounds for each in times], axis=0)))
+    means = {key: float(np.mean([of_object[key] for of_object in errors])) for key in errors[0]}
+    return Measured(means, timing(np.mean([time.rounds for time in times], axis=0)))
 
 
 def _rows(study: Study, name: str, methods: list[Method], measured: list[Measured], rounds: int) -> Iterable[dict]:
-    times = [each.time for each in measured]
+    times = [on_case.time for on_case in measured]
     for number, (key, unit) in enumerate(study.units.items()):
-        on_front = front([time.seconds for time in times], [each.errors[key] for each in measured])
+        on_front = front([time.seconds for time in times], [on_case.errors[key] for on_case in measured])
         shared = {"stage": study.stage, "object": name, "measure": key, "drawn": number < study.panels, "unit": unit}
         shared |= {"reference": study.reference, "rounds": rounds}
         each_method = zip(methods, measured, on_front, _noisy(times, on_front), strict=True)

@@ -60,15 +60,18 @@ class Surface(Study):
     objects = 2
 
     def cases(self) -> Iterable[tuple[str, Case]]:
+        """Two shapes whose exterior is known, and the run's objects."""
         yield "overlapping spheres", overlapping_spheres()
         yield "cup 4 radii deep", cup(4)
         for subject in self.subjects:
             yield subject.name, traced_case(load_visual(subject.folder))
 
     def methods(self) -> list[Method]:
+        """Several numbers of directions."""
         return variants("rays", "directions", COUNTS, lambda n: partial(self._rays, n), DIRECTIONS)
 
     def errors(self, case: Case, result: Sampled) -> dict[str, float]:
+        """Misclassified area, and the Chamfer distance to points of the exterior."""
         exact = case.points[case.exterior]
         to_sampled, to_exterior = cKDTree(result.points).query(exact)[0], cKDTree(exact).query(result.points)[0]
         return {
@@ -115,7 +118,7 @@ def traced_case(mesh: trimesh.Trimesh, count: int = OBJECT_POINTS, directions: i
 
 
 def sobol_sphere(count: int) -> np.ndarray:
-    """(count, 3) unit vectors spread evenly over the sphere (Sobol sequence, scrambled); 2^k of them."""
+    """Unit vectors (count, 3) spread evenly over the sphere (Sobol sequence, scrambled); 2^k of them."""
     u, v = qmc.Sobol(2, rng=0).random(count).T
     radius, angle = np.sqrt(1 - (2 * u - 1) ** 2), 2 * np.pi * v
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), 2 * u - 1], axis=1)

@@ -49,6 +49,7 @@ class TouchStudy(Study):
     reference = "every ray against every face of the visual mesh (barycentric coordinates), double precision"
 
     def case(self, subject: Subject) -> Case:
+        """The object's first touches, with exact depths."""
         visual = mesh.load_visual(subject.folder)
         position, rotation = _touching_sensors(self.run, subject)
         depths = [exact_depth(visual.triangles, *pose) for pose in zip(position, rotation, strict=True)]
@@ -56,6 +57,7 @@ class TouchStudy(Study):
         return Case(visual, position, rotation, depth, shade(depth))
 
     def methods(self) -> list[Method]:
+        """The engine, and sphere tracing with several tolerances."""
         return [
             Method("embree", "precision", "double", partial(traced, RayCaster), True),
             *variants(

@@ -56,7 +56,7 @@ def visible_surface(triangles: np.ndarray, position: np.ndarray, rotation: np.nd
     """
     side = RESOLUTION * per_pixel
     centres = ((np.arange(side) + 0.5) / side - 0.5) * SENSOR_WIDTH
-    y, z = (each.ravel() for each in np.meshgrid(centres, centres))
+    y, z = (grid.ravel() for grid in np.meshgrid(centres, centres))
     points = np.stack([exact_depth(triangles, position, rotation, np.stack([y, z], axis=1)), y, z], axis=1)
     return points[np.isfinite(points[:, 0])] @ rotation.T + position
 
@@ -142,8 +142,8 @@ class TouchCharts(Study):
     def cases(self) -> Iterable[tuple[str, Touches]]:
         """Objects without a successful touch are left out."""
         dataset = Dataset(self.run, ("meshes", "touch"))
-        found = ((subject.name, self._touches(subject, dataset)) for subject in self.subjects)
-        return ((name, touches) for name, touches in found if touches is not None)
+        cases = ((subject.name, self._touches(subject, dataset)) for subject in self.subjects)
+        return ((name, touches) for name, touches in cases if touches is not None)
 
     def _touches(self, subject: Subject, dataset: Dataset) -> Touches | None:
         """`TOUCHES` of the object's successful touches, evenly spaced in their order; None if it has none."""
@@ -158,10 +158,11 @@ class TouchCharts(Study):
         arrays = [np.stack([getattr(grasp, name)[sensor] for grasp, sensor in chosen]) for name in names]
         points = [visible_surface(triangles, *pose, RAYS_PER_PIXEL) for pose in zip(*arrays[1:], strict=True)]
         depth, position, rotation = (torch.from_numpy(array).float() for array in arrays)
-        clouds = [torch.from_numpy(local_points(*each)) for each in zip(*arrays, strict=True)]
+        clouds = [torch.from_numpy(local_points(*touch)) for touch in zip(*arrays, strict=True)]
         return Touches(depth, torch.isfinite(depth), position, rotation, clouds, [(p, cKDTree(p)) for p in points])
 
     def methods(self) -> list[Method]:
+        """Two direct fits, and the paper's optimisation with several options."""
         fits = {"over the contact": fit_direct, "to the nearest contact": fit_to_nearest}
         methods = [
             Method("direct", "rows", name, lambda case, fit=fit: fit(*case[:4]), fit is fit_direct)
@@ -173,6 +174,7 @@ class TouchCharts(Study):
         return methods
 
     def errors(self, case: Touches, result: Tensor) -> dict[str, float]:
+        """Distances of charts and true surfaces both ways: root mean square, and the largest."""
         both_ways = [distances(chart, *truth) for chart, truth in zip(result.double().numpy(), case.truth, strict=True)]
         square = [(np.mean(to_chart**2) + np.mean(from_chart**2)) / 2 for to_chart, from_chart in both_ways]
         largest = [max(to_chart.max(), from_chart.max()) for to_chart, from_chart in both_ways]

@@ -107,7 +107,7 @@ def check_omissions(case: Case) -> Iterator[Omission]:
     links = [case.hand.forward(*closing) for closing in case.closings[:CHECKED]]
 
     def depths(depth_of: Callable[[np.ndarray], float]) -> np.ndarray:
-        return np.array([depth_of(each) for each in links])
+        return np.array([depth_of(pose) for pose in links])
 
     def largest_difference(one: np.ndarray, other: np.ndarray) -> float:
         return float(np.abs(one - other).max())

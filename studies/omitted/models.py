@@ -59,11 +59,12 @@ class SpareGraph(Graph):
         self.spare = spare
         super().__init__(touch_charts, kind, normalisation)
 
-    def _operator(self, edges: Tensor, boundary: Tensor) -> None:
+    def build_operator(self, edges: Tensor, boundary: Tensor) -> None:
+        """As `Graph.build_operator`, with the edges of the spare charts."""
         for _ in range(self.spare):
             edges = torch.cat([edges, mesh_edges(touch_chart().faces) + self.vertices])
             self.vertices += TOUCH_VERTICES
-        super()._operator(edges, boundary)
+        super().build_operator(edges, boundary)
 
 
 class NaiveReconstruction(Reconstruction):
@@ -87,11 +88,14 @@ class NaiveReconstruction(Reconstruction):
             charts, graph = self.graph.touch_charts, self.graph
             self.graphs[-1] = SpareGraph(charts, graph.kind, graph.normalisation, self.hand_sensors * GRASPS - charts)
 
-    def _inputs(self, batch, vertices):
-        needless = [self._reading_products(batch, vertices)] if self.needless_readings else []
-        return super()._inputs(batch, vertices) + needless
+    def input_products(self, batch: Mapping[str, Tensor], vertices: int) -> list:
+        """As `Reconstruction.input_products`, and those of readings."""
+        needless = [self.reading_products(batch, vertices)] if self.needless_readings else []
+        return super().input_products(batch, vertices) + needless
 
-    def deform(self, batch, positions, mask, fixed):
+    def deform(
+        self, batch: Mapping[str, Tensor], positions: Tensor, mask: Tensor | None, fixed: Tensor | None
+    ) -> Tensor:
         """As `Reconstruction.deform`, with rows for spare touch charts: in the centre, with mask 0."""
         moving = len(positions)
         spare = self.graph.vertices - moving

@@ -88,4 +88,4 @@ def verdict_text(same: bool, state: str) -> str:
 
 def report(omissions: Iterable[Omission], rounds: int = ROUNDS) -> pd.DataFrame:
     """The rows of one item of `reports/omitted.csv`."""
-    return pd.DataFrame([compare(each, rounds) for each in omissions], columns=list(COLUMNS))
+    return pd.DataFrame([compare(omission, rounds) for omission in omissions], columns=list(COLUMNS))

@@ -3,7 +3,8 @@
 Import it before anything that loads embree, because it loads Blender.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -17,7 +18,9 @@ import numpy as np  # noqa: E402  (Blender comes before what loads embree)
 import yaml  # noqa: E402
 
 from palpate.batch import generator  # noqa: E402
+from palpate.camera import Camera  # noqa: E402
 from palpate.scene import Scene  # noqa: E402
+from palpate.vision.image import Layers  # noqa: E402
 from palpate.vision.renderer import POINT_FILTER  # noqa: E402
 from studies.omitted.omission import OMITTED, Omission  # noqa: E402
 from studies.scenes import rms, scene_of  # noqa: E402
@@ -50,61 +53,70 @@ class NaiveRenderer(Renderer):
         return (self._kind, item) in self.changes
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
+        """As `Renderer.render`, with the changes of images."""
         self._kind = UNOCCLUDED
         if (OCCLUDED, "hand's meshes for every object") in self.changes:
-            self._hand = None
+            scene = replace(scene, hand=copy(scene.hand))  # another hand than before, though it is the same
         return super().render(scene)
 
-    def render_views(self, scene: Scene, cameras) -> list[Image]:
+    def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
+        """As `Renderer.render_views`, with the changes of views."""
         self._kind = VIEW
         return super().render_views(scene, cameras)
 
-    def _draw_unoccluded(self, scene: Scene, points: np.ndarray, suffix: str = ""):
+    def draw_unoccluded(self, scene: Scene, points: np.ndarray, suffix: str = "") -> Layers:
+        """The object alone, with a hand that is out of sight, or once for every grasp."""
         if self._changed("hand") and len(scene.link_pose):
             away = scene.link_pose[0].copy()
             away[:, :3, 3] += OUT_OF_SIGHT
-            self._pose_hand(away)
+            self.pose_hand(away)
         for _ in range(max(1, len(scene.link_pose)) if self._changed("render for every grasp") else 1):
-            layers = super()._draw_unoccluded(scene, points)
+            layers = super().draw_unoccluded(scene, points)
         return layers
 
-    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int, suffix: str = ""):
+    def draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int, suffix: str = "") -> Layers:
+        """The object in a grasp, or without the hand."""
         self._kind = OCCLUDED
         if self._changed("hand"):
-            return self._draw(scene.camera, points)
-        return super()._draw_occluded(scene, points, grasp)
+            return self.draw(scene.camera, points)
+        return super().draw_occluded(scene, points, grasp)
 
-    def _import(self, path: Path, position) -> np.ndarray:
+    def import_object(self, path: Path, position: Sequence[float]) -> np.ndarray:
+        """The object's file, with its cameras and lamps."""
         before = set(bpy.data.objects)
-        points = super()._import(path, position)
+        points = super().import_object(path, position)
         if self._changed("cameras and lamps of the file"):
             for body in set(bpy.data.objects) - before:
                 body.hide_render = False
         return points
 
-    def _read_file(self, path: Path) -> None:
+    def read_file(self, path: Path) -> None:
+        """Reads a file, with materials of no triangle."""
         # Blender's importer fails to read unused materials of a file that has no image.
         if not self._changed("materials of no triangle") or b'"images"' not in path.read_bytes():
-            return super()._read_file(path)
+            return super().read_file(path)
         bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=True)
 
-    def _draw(self, *arguments, **options):
+    def draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
+        """What is in Blender, with other settings of Cycles, or with the geometry given to it again."""
         items = {**CYCLES_WITH, **CYCLES_WITHOUT}
         changed = [settings for item, settings in items.items() if self._changed(item)]
         self.cycles = {name: value for settings in changed for name, value in settings.items()}
         if self._changed("geometry for every picture"):
-            self._scene.render.use_persistent_data = False
-        return super()._draw(*arguments, **options)
+            bpy.context.scene.render.use_persistent_data = False
+        return super().draw(camera, points, master)
 
-    def _rectangle(self, camera, points: np.ndarray):
+    def rectangle(self, camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The pixels that are rendered: those around what is drawn, too."""
         if self._changed("pixels around what is drawn"):
             return np.zeros(2), np.full(2, camera.size)
-        return super()._rectangle(camera, points)
+        return super().rectangle(camera, points)
 
-    def _render_centres(self):
+    def render_centres(self) -> Layers:
+        """Mask and depth, with as many samples as colours have."""
         if self._changed("samples of mask and depth"):
-            return self._render(self.samples, POINT_FILTER)
-        return super()._render_centres()
+            return self.render_layers(self.samples, POINT_FILTER)
+        return super().render_centres()
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:
@@ -123,6 +135,7 @@ class _Comparisons:
 
     @cached_property
     def renderer(self) -> NaiveRenderer:
+        """The renderer of all images, whose changes are set for each."""
         return NaiveRenderer(self.settings["vision"]["samples"], self.settings["vision"]["device"])
 
     def unoccluded(self, grasps: int = 0) -> list[Image]:
@@ -133,6 +146,7 @@ class _Comparisons:
         return [image] * (max(1, len(scene.link_pose)) if again else 1)
 
     def occluded(self) -> list[Image]:
+        """The object in its first grasp."""
         return self.renderer.render(replace(self.scene, link_pose=self.scene.link_pose[:1]))[1]
 
     def views(self) -> list[Image]:
@@ -141,7 +155,7 @@ class _Comparisons:
         at = views.viewpoints(generator(self.settings["seed"], self.subject.name, "views"), VIEWS)
         self.renderer.samples = self.settings["views"]["samples"]
         try:
-            return self.renderer.render_views(self.scene, [views.camera(each, size) for each in at])
+            return self.renderer.render_views(self.scene, [views.camera(viewpoint, size) for viewpoint in at])
         finally:
             self.renderer.samples = self.settings["vision"]["samples"]
 
@@ -183,7 +197,7 @@ def largest_difference(images: list[Image], others: list[Image]) -> float:
     A single image is compared with each of the others.
     """
     count = max(len(images), len(others))
-    images, others = (each * count if len(each) == 1 else each for each in (images, others))
+    images, others = (group * count if len(group) == 1 else group for group in (images, others))
     worst = 0.0
     for image, other in zip(images, others, strict=True):
         if not np.array_equal(image.depth, other.depth):

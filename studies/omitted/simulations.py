@@ -32,10 +32,9 @@ class ChangedSimulation(GraspSimulation):
         self.items, self.visual = tuple(items), visual
         super().__init__(hand, patches, timestep)
 
-    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
-        """As `GraspSimulation.specification`."""
-        self.hand = hand
-        spec = super().specification(hand, patches, timestep, stiffness)
+    def specification(self) -> mujoco.MjSpec:
+        """The engine's specification with the changes of `items`."""
+        spec = super().specification()
         for item in self.items:
             CHANGES[item](self, spec)
         return spec

@@ -25,21 +25,24 @@ UNTOUCHED = "a sensor touches nothing"
 class EveryFace(RayCaster):
     """Traces faces outside the swept box, too."""
 
-    def _near_faces(self, origin, rotation) -> np.ndarray:
-        return np.arange(len(self._mesh.triangles))
+    def near_faces(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Indices of all faces."""
+        return np.arange(len(self.mesh.triangles))
 
 
 class EveryPixel(RayCaster):
     """Traces pixels with no face in front of them, too."""
 
-    def _block_in_reach(self, origin, rotation) -> Block:
+    def block_in_reach(self, origin: np.ndarray, rotation: np.ndarray) -> Block:
+        """The block of all pixels."""
         return slice(0, touch.RESOLUTION), slice(0, touch.RESOLUTION)
 
 
 class EveryPixelForSuccess(RayCaster):
     """Continues after the first pixel in range, where only success is needed."""
 
-    def _succeeds_early(self, origin, rotation, block: Block) -> bool:
+    def succeeds_early(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> bool:
+        """Never, so that all pixels are traced."""
         return False
 
 
@@ -80,13 +83,13 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
             ("pixels outside the block in reach", EveryPixel, "trace"),
             ("pixels after the first in range", EveryPixelForSuccess, "succeeds"),
         ):
-            runs = [partial(getattr(each, method), *flat) for each in (touched.tracer(variant), touched.tracer())]
+            runs = [partial(getattr(tracer, method), *flat) for tracer in (touched.tracer(variant), touched.tracer())]
             unit = "m" if method == "trace" else "sensors"
             yield Omission("touch", item, "always", name, *runs, largest_difference, unit)
 
         way = np.linspace(position - FAR * rotation[..., 0], position, FRAMES), np.tile(rotation, (FRAMES, 1, 1, 1, 1))
-        far = [each[~engine.is_near(*way)] for each in way]  # as frames have them: sensors that come near
-        runs = [partial(each.trace, *far) for each in (touched.tracer(EveryPixel), engine)]
+        far = [poses[~engine.is_near(*way)] for poses in way]  # as frames have them: sensors that come near
+        runs = [partial(tracer.trace, *far) for tracer in (touched.tracer(EveryPixel), engine)]
         yield Omission("touch", "sensors of frames with no face near", "always", name, *runs, largest_difference, "m")
 
         def stored_bytes(sensed: TouchReading, touched: TouchSubject = touched) -> int:
@@ -96,7 +99,7 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
         how = {"difference": reading_difference, "unit": "grey levels", "size": stored_bytes}
         yield Omission("touch", "readings of sensors that touched nothing", UNTOUCHED, name, *runs, **how)
         arrays = touched.arrays(touch.sense(engine, *touched.sensors))
-        runs = [partial(each, arrays) for each in (write_store_with_empty_chunks, write_store)]
+        runs = [partial(write, arrays) for write in (write_store_with_empty_chunks, write_store)]
         when = f"all of a chunk is the array's fill value: {UNTOUCHED}"
         yield Omission("store", "empty chunks", when, name, *runs, store_difference, "numbers", size=folder_bytes)
 

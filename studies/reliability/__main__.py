@@ -19,6 +19,7 @@ from studies.reliability.faults import COLUMNS, KINDS, each_damage, row
 
 
 def main() -> None:
+    """Print the table of faults of a run."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--tries", type=int, default=20, help="of each damage, on each kind of file")

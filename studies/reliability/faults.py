@@ -13,20 +13,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate import checksums, mesh, store
+from palpate import mesh, seal, store
 from palpate.batch import read_rejections
 from palpate.catalogue import read_catalogue
 from palpate.dataset.run import Run
-from palpate.dataset.validation import check_files, read_findings
+from palpate.dataset.validation import check_files, look_at, outputs, read_findings
 from palpate.learning import checkpoints, rows
 from palpate.learning.loop import HISTORY
+from palpate.seal import DamagedFile
+from palpate.text_files import read_record
 
 COLUMNS = ("fault", "tried", "by the reader", "by validate", "nothing changed", "lost in silence", "for example")
 BLOCK = 4096  # bytes: what file systems write at once, and lose at once
 
 
 class Try(NamedTuple):
-    """What came of a fault at one place.
+    """The outcome of a fault at one place.
 
     noticed: `reader` if the step or user who reads it gets an error, `validate` if only `snakemake validate` fails,
     `unchanged` if all that is read is as before, `silent` if it is not and no error says so. message: of the error.
@@ -38,8 +40,8 @@ class Try(NamedTuple):
 
 def row(name: str, tries: Sequence[Try], run: Path) -> dict[str, str | int]:
     """One row of the table; the run's path is RUN in its message."""
-    counts = [sum(found.noticed == each for found in tries) for each in ("reader", "validate", "unchanged", "silent")]
-    messages = [found.message for found in tries if found.message]
+    counts = [sum(outcome.noticed == who for outcome in tries) for who in ("reader", "validate", "unchanged", "silent")]
+    messages = [outcome.message for outcome in tries if outcome.message]
     example = (messages[0] if messages else "").splitlines()[:1]
     return dict(zip(COLUMNS, (name, len(tries), *counts, "".join(example).replace(str(run), "RUN")), strict=True))
 
@@ -69,12 +71,12 @@ def _meshes(run: Path) -> Iterator[object]:
 
 
 def _rejections(run: Path) -> Iterator[object]:
-    yield from map(tuple, (each.items() for each in Run(run).rejections()))
+    yield from map(tuple, (rejection.items() for rejection in Run(run).rejections()))
     yield from read_rejections([run / "rejected.csv"])
 
 
 def _masters(run: Path) -> Iterator[object]:
-    """Only users read them; `manifest.json` says what they must be."""
+    """Masters, which only users read; `seal.json` says what they must be."""
     yield from (path.read_bytes() for path in sorted(run.glob("exr/*/*.exr")))
 
 
@@ -87,17 +89,26 @@ def _weights(run: Path) -> Iterator[object]:
 
 def _records(run: Path) -> Iterator[object]:
     for path in sorted(run.glob("models/**/seed-*")):
-        yield checksums.read_record(path / "training.json", "train the model again")
+        yield read_record(path / "training.json")
 
 
 def _histories(run: Path) -> Iterator[object]:
     for path in sorted(run.glob("models/**/seed-*")):
-        yield rows.read_table(path / "history.csv", HISTORY, "train the model again").to_csv()
+        yield rows.read_table(path / "history.csv", HISTORY).to_csv()
 
 
 def _evaluations(run: Path) -> Iterator[object]:
-    known = sorted(run.glob("evaluations/*/.seed-*.csv.sha256"))  # also of one that was removed
-    yield rows.read([path.with_name(path.name[1:].removesuffix(".sha256")) for path in known]).to_csv()
+    known = sorted(run.glob(f"evaluations/*/.seed-*.csv.{seal.NAME}"))  # also of one that was removed
+    yield rows.read([path.with_name(path.name[1:].removesuffix(f".{seal.NAME}")) for path in known]).to_csv()
+
+
+def _products(run: Path) -> Iterator[object]:
+    """Only users read them, who see that one is gone."""
+    for place in sorted([*run.glob(f"tables/.*.{seal.NAME}"), *run.glob(f"figures/.*.{seal.NAME}")]):
+        path = place.with_name(place.name[1:].removesuffix(f".{seal.NAME}"))
+        if not path.exists():
+            raise DamagedFile(f"{path} does not exist")
+        yield path.read_bytes()
 
 
 def _validation(run: Path) -> Iterator[object]:
@@ -106,7 +117,7 @@ def _validation(run: Path) -> Iterator[object]:
 
 
 KINDS = (
-    Kind("meshes", ("meshes/*/*/*", "meshes/*/manifest.json"), _meshes),
+    Kind("meshes", ("meshes/*/*/*", "meshes/*/seal.json"), _meshes),
     *(
         Kind(f"{stage} store", (f"{stage}/*.h5", f"{stage}/*.zarr/**/*"), partial(_stores, stage))
         for stage in store.CONTRACT
@@ -118,6 +129,9 @@ KINDS = (
     Kind("training.json", ("models/*/seed-*/training.json",), _records),
     Kind("history.csv", ("models/*/seed-*/history.csv",), _histories),
     Kind("evaluation csv", ("evaluations/*/seed-*.csv",), _evaluations),
+    Kind("table, figure", ("tables/*", "figures/*"), _products),
+    Kind("config.yaml", ("config.yaml",), lambda run: [Run(run).config]),
+    Kind("seal beside a file", (f".*.{seal.NAME}", f"*/**/.*.{seal.NAME}"), lambda run: []),
     Kind("validation csv", ("reports/validation/batch-*.csv",), _validation),
 )
 
@@ -147,8 +161,8 @@ DAMAGES: dict[str, Callable[[bytes, np.random.Generator], bytes | None]] = {
 
 def apply(kind: Kind, damage: Callable, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
     """Damage files of a kind, one at a time, at random; each is as it was at the end. No file, no tries."""
-    found = {path for pattern in kind.patterns for path in run.glob(pattern) if path.is_file() and path.stat().st_size}
-    files = sorted(path for path in found if not path.name.startswith("."))
+    paths = {path for pattern in kind.patterns for path in run.glob(pattern) if path.is_file() and path.stat().st_size}
+    files = sorted(path for path in paths if not path.name.startswith(".") or path.name.endswith(seal.NAME))
     if not files:
         return []
     expected, outcomes = list(kind.read(run)), []
@@ -183,13 +197,17 @@ def outcome(kind: Kind, run: Path, expected: list) -> Try:
 
 def validate(run: Path) -> str:
     """What `snakemake validate` says of a run's files: the first that is not as written; empty if all are."""
-    for batch in Run(run).batches:
-        for finding in check_files(Run(run), batch):
-            if not finding.ok:
-                return finding.where
-    return "".join(f"{path} has changed since it was written" for path in checksums.changed(run)[:1])
+    try:
+        for batch in Run(run).batches:
+            for finding in check_files(Run(run), batch):
+                if not finding.ok:
+                    return finding.where
+        looked_at = (look_at(Run(run), path) for path in outputs(run))
+        return next((damage or difference for damage, difference, _ in looked_at if damage or difference), "")
+    except ValueError as error:  # of what validation itself reads: catalogue, config, rejections
+        return str(error)
 
 
 def each_damage(kind: Kind, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
     """Each of `DAMAGES`, `tries` times."""
-    return [found for damage in DAMAGES.values() for found in apply(kind, damage, run, rng, tries)]
+    return [outcome for damage in DAMAGES.values() for outcome in apply(kind, damage, run, rng, tries)]

@@ -58,18 +58,20 @@ class SmallRun(NamedTuple):
 
     def contents(self) -> dict[str, str]:
         """SHA-256 of all that the run made, by path; of a model that of its weights, of an evaluation without times."""
-        found = {}
+        contents = {}
         for path in (path for path in sorted(self.folder.rglob("*")) if path.is_file()):
             name = path.relative_to(self.folder)
             if name.parts[0] not in OF_THE_WAY and not path.name.startswith(".snakemake"):
-                found[str(name)] = path.read_bytes()
+                contents[str(name)] = path.read_bytes()
         for path in self.folder.glob("models/*/seed-*/best.ckpt"):
             weights = checkpoints.read(path, "reconstruction")["weights"]
-            found[str(path.relative_to(self.folder))] = b"".join(weights[x].numpy().tobytes() for x in sorted(weights))
+            contents[str(path.relative_to(self.folder))] = b"".join(
+                weights[x].numpy().tobytes() for x in sorted(weights)
+            )
         for path in self.folder.glob("evaluations/*/seed-*.csv"):
             errors = rows.read([path]).drop(columns="seconds", errors="ignore").to_csv()
-            found[str(path.relative_to(self.folder))] = errors.encode()
-        return {name: hashlib.sha256(content).hexdigest() for name, content in found.items()}
+            contents[str(path.relative_to(self.folder))] = errors.encode()
+        return {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
 
 
 def small_run(folder: Path, name: str) -> SmallRun:
@@ -103,7 +105,7 @@ WAYS: dict[str, Callable[[subprocess.Popen, np.random.Generator], None]] = {
 
 
 def interrupt(how: Callable, run: SmallRun, whole: SmallRun, seconds: float, rng: np.random.Generator, tries: int):
-    """Interrupt a run `tries` times, up to `seconds` after each start; a list of what each run lost at its end.
+    """Interrupt a run `tries` times, up to `seconds` after each start; returns a list of what each run lost at its end.
 
     A run that ends before it is interrupted is compared with the whole one, removed, and begun again.
     """
@@ -119,14 +121,15 @@ def interrupt(how: Callable, run: SmallRun, whole: SmallRun, seconds: float, rng
             print(f"{how.__name__}: {done} of {tries}", file=sys.stderr, flush=True)
             continue
         run.finish()
-        found = run.contents()
-        differ = sorted(path for path in {*found, *expected} if found.get(path) != expected.get(path))
+        made = run.contents()
+        differ = sorted(path for path in {*made, *expected} if made.get(path) != expected.get(path))
         lost.append(differ + [str(path) for path in run.folder.rglob("*") if TEMPORARY.fullmatch(path.name)])
         shutil.rmtree(run.folder)
     return lost
 
 
 def main() -> None:
+    """Interrupt runs in both ways, and print the table; exits with 1 if anything was lost."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tries", type=int, default=20, help="of each way")
     parser.add_argument("--seed", type=int, default=0)
@@ -141,7 +144,7 @@ def main() -> None:
             lost = interrupt(
                 how, small_run(folder, how.__name__), whole, seconds, generator(options.seed, way), options.tries
             )
-            files = sorted({path for each in lost for path in each})
+            files = sorted({path for paths in lost for path in paths})
             table.append((way, options.tries, len(lost), len(files), ", ".join(files[:3])))
         columns = ["fault", "tried", "runs compared", "files lost or another", "which"]
         print(markdown(pd.DataFrame(table, columns=columns)))

@@ -102,7 +102,7 @@ def examine(suite: str, case: Case, subject: Any) -> list[dict[str, Any]]:
             where = traceback.extract_tb(error.__traceback__)[-1]
             note = f"{type(error).__name__}: {error} ({where.name}, line {where.lineno})"
             findings.append(Finding("runs to its end", "no error", "error", "", FAILS, note))
-    warned = "; ".join(sorted({str(each.message) for each in caught if each.category is RuntimeWarning}))
+    warned = "; ".join(sorted({str(warning.message) for warning in caught if warning.category is RuntimeWarning}))
     if warned:
         findings.append(Finding("numerical warnings", "none", len(caught), "", FAILS, warned))
     seconds = time.perf_counter() - start

@@ -59,7 +59,7 @@ class ClosingSetup(NamedTuple):
     ) -> list[RecordedClosing]:
         """Record all closings in a copy of the simulation (or of `simulation`), edited by `change`."""
         simulation = changed_copy(simulation or self.grasper.simulation, change)
-        return [record(self.grasper, simulation, each, label) for each in self.closings]
+        return [record(self.grasper, simulation, closing, label) for closing in self.closings]
 
 
 @lru_cache(maxsize=1)
@@ -82,6 +82,7 @@ class RecordingSimulation(GraspSimulation):
         self.kinetic, self.work = [], []
 
     def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
+        """As `GraspSimulation.closing`, with kinetic energy and the servos' work recorded after each step."""
         before = self.data.qvel.copy()
         for data in super().closing(targets):
             power = data.qfrc_actuator * (before + data.qvel) / 2
@@ -128,19 +129,19 @@ def record(grasper: Grasper, simulation: GraspSimulation, closing: Closing, labe
     return RecordedClosing(label, joints, warnings, np.array(seen.kinetic), np.cumsum(seen.work), depth, outcome)
 
 
-def soundness(recorded: Iterable[RecordedClosing], depth: float = MAX_PENETRATION, what: str = "") -> Iterator[Finding]:
+def soundness(recorded: Iterable[RecordedClosing], what: str = "") -> Iterator[Finding]:
     """Findings of physically sound closings: the worst of each quantity.
 
     The engine gives no warning. Kinetic energy stays below the servos' work: the hand starts at rest, there is
-    no gravity, and contacts and dampers only dissipate. No surface penetrates deeper than `depth` (m).
+    no gravity, and contacts and dampers only dissipate. No surface penetrates deeper than `MAX_PENETRATION`.
     """
     recorded, what = list(recorded), f"{what}: " if what else ""
-    warned = {each.label for each in recorded if each.warnings}
-    yield equal(f"{what}engine's warnings", sum(each.warnings for each in recorded), 0, note=", ".join(warned))
-    worst = max(recorded, key=lambda each: each.energy_gain)
+    warned = {closing.label for closing in recorded if closing.warnings}
+    yield equal(f"{what}engine's warnings", sum(closing.warnings for closing in recorded), 0, note=", ".join(warned))
+    worst = max(recorded, key=lambda closing: closing.energy_gain)
     yield at_most(f"{what}kinetic energy over the servos' work", worst.energy_gain, 1, note=worst.label)
-    worst = max(recorded, key=lambda each: each.depth)
-    yield at_most(f"{what}depth by true surfaces", 1e3 * worst.depth, 1e3 * depth, "mm", worst.label)
+    worst = max(recorded, key=lambda closing: closing.depth)
+    yield at_most(f"{what}depth by true surfaces", 1e3 * worst.depth, 1e3 * MAX_PENETRATION, "mm", worst.label)
 
 
 def joints_agree(

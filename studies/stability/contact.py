@@ -57,8 +57,8 @@ def setting(safe: bool = True, **values: Any) -> Change:
     def edit(simulation: GraspSimulation) -> None:
         for name, value in values.items():
             names = (f"geom_{name}", f"jnt_{name}") if name in ("solref", "solimp") else (name,)
-            for each in names:
-                getattr(simulation.model, each)[:] = value
+            for array in names:
+                getattr(simulation.model, array)[:] = value
         if not safe:
             simulation.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE
 
@@ -112,16 +112,20 @@ def plate_setup() -> ClosingSetup:
 
 def none_accepted(recorded: Sequence[RecordedClosing], what: str) -> Finding:
     """Finding: the grasper accepts no closing."""
-    accepted = [each for each in recorded if each.outcome not in REFUSED]
-    note = ", ".join(sorted({each.outcome for each in recorded}))
+    accepted = [closing for closing in recorded if closing.outcome not in REFUSED]
+    note = ", ".join(sorted({closing.outcome for closing in recorded}))
     finding = equal(f"{what}: closings taken", len(accepted), 0, note=note)
     return finding if accepted else finding._replace(verdict=REJECTED)
 
 
 def no_unsound_accepted(recorded: Sequence[RecordedClosing], what: str) -> Finding:
     """Finding: the grasper accepts no closing with engine warnings or with more kinetic energy than servo work."""
-    unsound = [each for each in recorded if each.outcome not in REFUSED and (each.warnings or each.energy_gain > 1)]
-    note = ", ".join(each.outcome for each in recorded)
+    unsound = [
+        closing
+        for closing in recorded
+        if closing.outcome not in REFUSED and (closing.warnings or closing.energy_gain > 1)
+    ]
+    note = ", ".join(closing.outcome for closing in recorded)
     return equal(f"{what}: unsound closings taken", len(unsound), 0, note=note)
 
 
@@ -131,8 +135,8 @@ def converges(ends: Sequence[Sequence[RecordedClosing]], what: str) -> Finding:
     ends: the same closings at each value of the parameter. The median closing counts.
     """
     pairs = [zip(*two, strict=True) for two in zip(ends, ends[1:], strict=False)]
-    middle = [float(np.median([joint_change(*pair) for pair in each])) for each in pairs]
-    note = ", ".join(f"{each:.1e}" for each in middle) + " rad"
+    middle = [float(np.median([joint_change(*pair) for pair in two])) for two in pairs]
+    note = ", ".join(f"{change:.1e}" for change in middle) + " rad"
     bound = 2 * 0.5 ** (len(middle) - 1)
     return at_most(f"{what}: last change over first", middle[-1] / middle[0], bound, note=note)
 
@@ -164,7 +168,7 @@ def solimp_extremes(subject) -> Iterator[Finding]:
         "midpoint 1, power 50": (0.1, 0.99, 0.0005, 1, 50),
     }
     recorded = {name: setup.record(setting(solimp=values), name) for name, values in hard.items()}
-    yield from soundness([each for of in recorded.values() for each in of])
+    yield from soundness([closing for of in recorded.values() for closing in of])
     for name, of in recorded.items():
         yield joints_agree(of, mild, what=f"{name}: joints' change")
     yield no_unsound_accepted(setup.record(setting(solimp=(0, 0, 0.001, 0.5, 2))), "impedance 0")
@@ -258,7 +262,7 @@ def against_the_pad(subject) -> Iterator[Finding]:
         mesh = shapes.placed_at_pad(shape, shapes.bent_finger(), at=at)
         setup, patches = shapes.shape_setup(mesh), surface_patches(mesh)
         simulations = [GraspSimulation(HAND, patches, step) for step in TIMESTEPS[1:4]]
-        ends = [setup.record(hold_targets, simulation=each) for each in simulations]
+        ends = [setup.record(hold_targets, simulation=simulation) for simulation in simulations]
         yield from soundness(ends[0], what=name)
         yield joints_agree(ends[0], ends[-1], JOINT_TOLERANCE / sine, f"{name}: joints' change to 1 ms")
         yield no_unsound_accepted(setup.record(combined(gains(100), hold_targets)), f"{name}, gains x100")

@@ -49,6 +49,7 @@ def prepare_mesh(mesh: trimesh.Trimesh, **options) -> PreparedMesh:
 
 
 def soup(vertices, faces) -> trimesh.Trimesh:
+    """A mesh of triangles as they are: nothing is merged."""
     return trimesh.Trimesh(np.asarray(vertices, dtype=float), np.asarray(faces), process=False, validate=False)
 
 
@@ -59,7 +60,7 @@ def distance_off_surface(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
 
 
 def depth_along(mesh: trimesh.Trimesh, axis: int, sign: int, distance: float) -> np.ndarray:
-    """(100, 100) depth map (m) of a sensor that looks along an axis at the origin, from a distance."""
+    """Depth map (100, 100), m, of a sensor that looks along an axis at the origin, from a distance."""
     x, y = sign * np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
     return RayCaster(mesh).trace(-distance * x[None], np.stack([x, y, np.cross(x, y)], axis=1)[None])[0]
 
@@ -91,11 +92,11 @@ def grasp_once(result: PreparedMesh, points: np.ndarray, attempts: int = 12) -> 
     return grasp_object(result.visual, result.collision, surface, HAND, rng, **limits)
 
 
-def later_stages(result: PreparedMesh, attempts: int = 12) -> Iterator[Finding]:
+def later_stages(result: PreparedMesh) -> Iterator[Finding]:
     """Findings on surface points, a grasp and its touches: finite, on the surface, penetration within the limit."""
     points, findings = sample_points(result)
     yield from findings
-    grasp = grasp_once(result, points, attempts)
+    grasp = grasp_once(result, points)
     yield equal("grasp is finite", bool(np.isfinite(grasp.link_pose).all()), True)
     yield at_most("penetration", float(grasp.penetration.max()), MAX_PENETRATION, "m", "grasps.max_penetration")
     caster = RayCaster(result.visual, OBJECT_POSITION)

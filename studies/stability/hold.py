@@ -33,7 +33,7 @@ REST_WITHIN, AT_REST = 20.0, 1e-4
 
 
 def pinched(load: float, friction: float, timestep: float, stiff: float) -> float:
-    """How far a box moves across the jaws, m, whose weight is `load` times what their friction can carry."""
+    """The way of a box across the jaws, m, whose weight is `load` times what their friction can carry."""
     box = trimesh.creation.box((0.06, 0.03, 2 * HALF)).apply_translation((0.0406, 0, 0)).subdivide()
     body = body_of(box, load * 2 * friction * GRIP / GRAVITY / box.volume)
     simulation = HoldSimulation(GRIPPER, surface_patches(box), body, friction, timestep)
@@ -55,7 +55,7 @@ def pinched_box(subject) -> Iterator[Finding]:
 def objects(subject) -> Iterator[Finding]:
     """The engine simulates every direction; what is free falls, whatever it weighs."""
     setup, blade = closing_setup(subject), shapes.plate().apply_scale((1, 1, 0.01))  # 0.1 mm thick
-    ends = [(closing, each.joints) for closing, each in zip(setup.closings, setup.record(), strict=True)]
+    ends = [(closing, recorded.joints) for closing, recorded in zip(setup.closings, setup.record(), strict=True)]
     for name, mesh, density in (("light", None, 0.1), ("heavy", None, 3e4), ("blade of 0.1 mm", blade, 1000.0)):
         mesh = load_collision(subject.folder) if mesh is None else mesh
         simulation = HoldSimulation(HAND, surface_patches(mesh), body_of(mesh, density), 0.8, 0.004)
@@ -98,7 +98,7 @@ def forces(subject) -> Iterator[Finding]:
             off = 100 * abs(force * np.cos(np.radians(degrees)) / servo - 1)
             yield at_most(f"{what}: off at {degrees} degrees", off, 0.1, "%")
         change = combined(gains(gain), setting(solref=(steps * 0.004, 1)))
-        off = max(unbalanced(changed_copy(setup.grasper.simulation, change), *each) for each in setup.closings)
+        off = max(unbalanced(changed_copy(setup.grasper.simulation, change), *closing) for closing in setup.closings)
         yield at_most(f"{what}: torques off J^T f", 100 * off, 5, "%")
 
 
@@ -115,7 +115,7 @@ def unbalanced(simulation: GraspSimulation, pose: np.ndarray, targets: np.ndarra
     mujoco.mj_forward(model, data)
     torques, jacobian = data.qfrc_actuator.copy(), np.zeros((3, model.nv))
     largest = np.abs(torques).max()
-    for place, normal, force, *pair in zip(*contacts(simulation), strict=True):
+    for place, normal, force, *pair, _ in zip(*contacts(simulation), strict=True):
         for link, sign in zip(pair, (1, -1), strict=True):
             if link != OBJECT:
                 mujoco.mj_jac(model, data, jacobian, None, place, model.body(HAND.link_names[link]).id)

@@ -21,12 +21,12 @@ from palpate.experiments import Experiment
 from palpate.learning.data import ExperimentData
 from palpate.learning.learners import Diverged, ReconstructionLearner
 from palpate.learning.loop import train
-from palpate.learning.losses import Truth, reconstruction_loss
 from palpate.learning.machine import Machine
 from palpate.learning.recipes import ReconstructionSettings
 from palpate.learning.samples import Assembler, Sample
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
+from palpate.models.losses import Target, Truth, reconstruction_loss
 from palpate.models.templates import Templates
 from palpate.touch.sensor import RESOLUTION
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
@@ -60,7 +60,7 @@ def cloud_of(subject: Subject, seed: int = 0) -> Tensor:
 
 
 def count_nonfinite(*tensors: Tensor) -> int:
-    """How many numbers are NaN or infinite."""
+    """Count numbers that are NaN or infinite."""
     return sum(int((~torch.isfinite(tensor)).sum()) for tensor in tensors)
 
 
@@ -69,12 +69,12 @@ def gradients(model: torch.nn.Module) -> Tensor:
     return torch.cat([weights.grad.flatten() for weights in model.parameters() if weights.grad is not None])
 
 
-def synthetic_sensors(cloud: Tensor, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+def synthetic_sensors(cloud: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Twenty sensors that look at points of a cloud from 2 cm.
 
     Returns: position (g, 4, 3), rotation (g, 4, 3, 3), planar charts (g, 4, 81, 3) at the points.
     """
-    places = cloud[torch.randperm(len(cloud), generator=seeded(seed))[: 4 * GRASPS]]
+    places = cloud[torch.randperm(len(cloud), generator=seeded())[: 4 * GRASPS]]
     away = torch.nn.functional.normalize(places - cloud.mean(dim=0), dim=1)
     position, grid = places + 0.02 * away, touch_chart().grid
     side = torch.nn.functional.normalize(torch.linalg.cross(away, away.roll(1, dims=1) + 0.1), dim=1)
@@ -121,7 +121,7 @@ def model_and_batch(subject: Subject, successful: bool = True) -> tuple[Reconstr
 
 def loss_of(model: Reconstruction, vertices: Tensor, truth: Truth) -> Tensor:
     """The training loss of the batch of `model_and_batch`."""
-    return reconstruction_loss(vertices, model.faces, truth, [0, 1], 1000, seeded()).mean()
+    return reconstruction_loss(vertices, model.faces, Target(truth, [0, 1], 1000, seeded())).mean()
 
 
 class PerturbedLearner(ReconstructionLearner):
@@ -132,6 +132,7 @@ class PerturbedLearner(ReconstructionLearner):
         self.change, self.at = change, step
 
     def losses(self, batch_samples, generator, validation=False):
+        """As `ReconstructionLearner.losses`, changed in one step of the training."""
         losses = super().losses(batch_samples, generator, validation)
         return self.change(losses) if self.step == self.at and not validation else losses
 
@@ -187,7 +188,7 @@ def nudged(subject: Subject) -> Iterator[Finding]:
         templates(batch | {"charts": batch["charts"] + 1e-6 * torch.randn(batch["charts"].shape, generator=random)})
         for _ in range(6)
     ]
-    most = max(float((each - start).norm(dim=2).max()) for each in moved)
+    most = max(float((vertices - start).norm(dim=2).max()) for vertices in moved)
     yield at_most("vertex moved the most", 1e3 * most, 0.1, "mm")
 
 
@@ -195,15 +196,15 @@ def nudged(subject: Subject) -> Iterator[Finding]:
 def bfloat16(subject: Subject) -> Iterator[Finding]:
     """Autocast, forward and backward, against float32."""
     model, batch, truth = model_and_batch(subject)
-    found = {}
+    results = {}
     for enabled in (False, True):
         model.zero_grad()
         with torch.autocast("cpu", dtype=torch.bfloat16, enabled=enabled):
             vertices = model(batch).float()
         loss = loss_of(model, vertices, truth)
         loss.backward()
-        found[enabled] = vertices.detach(), float(loss.detach()), gradients(model)
-    (baseline, loss, gradient), (half, half_loss, half_gradient) = found[False], found[True]
+        results[enabled] = vertices.detach(), float(loss.detach()), gradients(model)
+    (baseline, loss, gradient), (half, half_loss, half_gradient) = results[False], results[True]
     yield equal("NaN or infinite", count_nonfinite(half, half_gradient), 0)
     moved = 1e3 * float((half - baseline).norm(dim=2).square().mean().sqrt())
     yield at_most("root mean square of vertices moved", moved, 1.0, "mm")

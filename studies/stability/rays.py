@@ -87,12 +87,12 @@ def _largest_difference(one: np.ndarray, other: np.ndarray, above: bool = False)
     return 1e3 * float((difference if above else np.abs(difference)).max(initial=0))
 
 
-def random_pose(seed: int | None, reach: float = 0.2) -> Pose:
-    """A random pose with coordinates within `reach` (m); for seed None the identity."""
+def random_pose(seed: int | None) -> Pose:
+    """A random pose with coordinates within 0.2 m; for seed None the identity."""
     if seed is None:
         return Pose(np.zeros(3), np.eye(3))
     rng = np.random.default_rng(seed)
-    return Pose(rng.uniform(-reach, reach, 3), Rotation.random(random_state=seed).as_matrix())
+    return Pose(rng.uniform(-0.2, 0.2, 3), Rotation.random(random_state=seed).as_matrix())
 
 
 def in_pose(mesh: trimesh.Trimesh, pose: Pose) -> trimesh.Trimesh:
@@ -134,14 +134,14 @@ def depths_of(mesh, seeds) -> np.ndarray:
 
 def agrees_with_exact(meshes, seeds=SEEDS, what: str = "") -> Iterator[Finding]:
     """Findings: depth maps of a `RayCaster` agree with `exact_depth`, for meshes (sensor's frame) in all poses."""
-    found, depths = [], []
+    errors, depths = [], []
     for mesh, seed in product(meshes, seeds):
         pose = random_pose(seed)
         placed = in_pose(mesh, pose)
         depths.append(trace_depth(RayCaster(placed), pose))
-        found.append(disagreement(depths[-1], placed.triangles, pose))
-    yield equal(f"flipped pixels{what}", sum(each.flipped for each in found), 0)
-    yield at_most(f"depth off{what}", max(each.millimetres for each in found), ROUNDED, "mm")
+        errors.append(disagreement(depths[-1], placed.triangles, pose))
+    yield equal(f"flipped pixels{what}", sum(error.flipped for error in errors), 0)
+    yield at_most(f"depth off{what}", max(error.millimetres for error in errors), ROUNDED, "mm")
     # So that there is something to compare, and nothing behind the sensor plane is felt.
     yield at_least(f"pixels felt{what}", min(int(np.isfinite(depth).sum()) for depth in depths), 1)
     yield at_least(f"nearest depth{what}", min(float(depth.min()) for depth in depths), 0.0, "m")
@@ -224,7 +224,7 @@ def at_the_range_limit(subject):
 
 
 def shade_in_double(depth: np.ndarray) -> np.ndarray:
-    """(100, 100, 3) grey levels, not rounded, by the equations of docs/touch.md in double precision."""
+    """Grey levels (100, 100, 3), not rounded, by the equations of docs/touch.md in double precision."""
     height = np.where(np.isfinite(depth), np.maximum(SENSOR_RANGE - depth.astype(np.float64), 0), 0)
     slope_z, slope_y = np.gradient(height, PIXEL_CENTRES[1] - PIXEL_CENTRES[0])
     normal = np.stack([-slope_y, -slope_z, np.ones_like(height)], axis=-1)

@@ -105,7 +105,7 @@ def test_no_style_of_validation_and_test_is_in_train(seed):
     splits = splits_of(entries, PAPER_SPLIT | {"held_out": "styles"}, seed)
     found = {split: {name: set() for name in PAPER_COUNTS} for split in PAPER_SPLIT}
     for entry in entries:
-        found[splits[entry.object]][entry.class_name].add(style_of(entry, seed))
+        found[splits[entry.object]][entry.class_name].add(style_of(entry.object, entry.class_name, seed))
     for name in PAPER_COUNTS:
         assert found["validation"][name] == found["test"][name] == held_out_styles(name, shapes.styles(name))
         assert found["train"][name] == set(shapes.styles(name)) - found["test"][name]

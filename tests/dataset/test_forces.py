@@ -37,7 +37,8 @@ def forced(built, tmp_path_factory):
         along = np.where(moved < np.inf, moved <= 0.02, -1)
         held = np.where((along < 0).any(axis=2), -1, (along == 1).all(axis=2))
         of_object = {"mass": np.full(len(names), 0.5), "solid": np.ones(len(names), bool)}
-        rows = {"held": held, "held_along": along, "moved": moved} | of_object
+        quality = {"wrench_radius": np.where(held == 1, 0.5, 0.0), "cone_margin": np.where(held == 1, 0.25, 0.0)}
+        rows = {"held": held, "held_along": along, "moved": moved} | quality | of_object
         records = {name: {key: values[row] for key, values in rows.items()} for row, name in enumerate(names)}
         palpate.store.write(run / f"hold/{batch}.zarr", "hold", palpate.store.join("hold", records), ATTRIBUTES)
     return run
@@ -52,7 +53,8 @@ def contacts_of(arrays, index, draw):
         place = arrays["sensor_position"][index][0, 0] + draw.normal(scale=0.01, size=(count, 3))
         link = draw.choice([*HAND.sensor_link, 2], count)
         force = -np.sort(-draw.uniform(0, 2, count))
-        frames.append(Contacts(place, normal, force, link, np.where(draw.random(count) < 0.8, OBJECT, 1)))
+        other = np.where(draw.random(count) < 0.8, OBJECT, 1)
+        frames.append(Contacts(place, normal, force, link, other, np.zeros((count, 3))))
     poses = (arrays[name][index] for name in ("sensor_position", "sensor_rotation"))
     return contact_arrays(frames, HAND.sensor_link, *poses)
 

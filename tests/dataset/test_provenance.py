@@ -1,6 +1,5 @@
 """Stores that were not made from one another are refused: by the reader, by validation, by the jobs that read them."""
 
-import json
 import os
 import pickle
 import shutil
@@ -10,12 +9,13 @@ import pytest
 import yaml
 
 import palpate.store
-from palpate import Dataset, catalogue, checksums, provenance
+from palpate import Dataset, catalogue, seal
 from palpate.command import main
 from palpate.dataset.run import Run
 from palpate.dataset.validation import check_again, validate_batch, write_findings
 from palpate.experiments import Experiment
 from palpate.learning.data import ExperimentData
+from palpate.stages import STAGES
 from palpate.store import CONTRACT, StoreError
 from tests.store.conftest import ATTRIBUTES, BATCHES, REJECTED
 
@@ -43,13 +43,10 @@ def make(run, stage, batch=BATCH, change=None, **settings):
     if stage == "meshes":
         folder = run / "meshes" / batch
         entries = catalogue.read_catalogue(run / f"catalogue/{batch}.csv")
-        made_from = provenance.combine({"mesh": section}, sources=catalogue.sources_of(entries))
-        (folder / provenance.RECORD).write_text(json.dumps(made_from))
-        return checksums.write_manifest(folder)
+        return seal.write(folder, seal.combine({"mesh": section}, more=catalogue.sources_of(entries)))
     path = run / CONTRACT[stage].path(batch)
-    made = {name: palpate.store.open(run / CONTRACT[name].path(batch)).made for name in INPUTS[stage][1:]}
-    made["meshes"] = provenance.of_meshes(run / "meshes" / batch)
-    made_from = provenance.combine({"seed": 0, stage: section}, *(made[name] for name in INPUTS[stage]))
+    paths = [run / STAGES[name].path(batch) for name in INPUTS[stage]]
+    made_from = seal.combine({"seed": 0, stage: section}, *map(seal.read, paths))
     arrays = palpate.store.read(path)
     if change:
         arrays[change] = np.nextafter(arrays[change], 10)
@@ -111,7 +108,7 @@ def test_touch_of_other_grasps_than_the_images(whole, capsys):
         make(whole, "grasps", batch, thumb_share=0.5, change="palm_pose")
         make(whole, "touch", batch)
     vision = f"vision/{BATCH}.zarr"
-    refused(whole, vision, "grasps.thumb_share = 0.15, but the run has 0.5", "; from other grasps")
+    refused(whole, vision, "grasps.thumb_share = 0.15, but the run has 0.5", f"; from other grasps/{BATCH}.h5")
     assert mixed(whole) == {"vision"}
     assert main(["export", str(whole), str(whole / "shared")]) == 1
     assert vision in capsys.readouterr().err and not (whole / "shared").exists()
@@ -122,7 +119,7 @@ def test_the_same_without_a_config(whole):
     make(whole, "grasps", change="palm_pose")
     make(whole, "touch")
     (whole / "config.yaml").unlink()
-    refused(whole, f"vision/{BATCH}.zarr was made from other grasps than the run has")
+    refused(whole, f"vision/{BATCH}.zarr was made from other grasps/{BATCH}.h5 than the run has")
 
 
 def test_training_refuses_them(whole):
@@ -159,7 +156,7 @@ def test_meshes_of_other_files_than_the_catalogue_lists(whole):
         rows = [line.split(",") for line in table.read_text().splitlines()]
         rows = [[*row[:5], "ab" * 32 if row[0] == OBJECT else row[5]] for row in rows]
         table.write_text("\n".join(",".join(row) for row in rows) + "\n")
-    refused(whole, f"meshes/{BATCH} was made from other sources than the run has")
+    refused(whole, f"meshes/{BATCH} was made from other sources of {BATCH} than the run has")
     assert mixed(whole) == {"meshes", *INPUTS}
 
 
@@ -192,7 +189,7 @@ def test_a_store_that_changes_while_the_run_is_read(whole):
 
 def test_a_job_does_not_mix_its_inputs(whole):
     make(whole, "meshes", collision_faces=2000)
-    with pytest.raises(provenance.MixedInputs, match=f"grasps/{BATCH}.h5 was made with .* from other meshes"):
+    with pytest.raises(seal.MixedInputs, match=f"grasps/{BATCH}.h5 was made with .* from other meshes/{BATCH}"):
         make(whole, "touch")
 
 
@@ -210,7 +207,7 @@ def test_validation_looks_at_the_config_again(whole):
 
 def test_no_other_store_is_opened_for_it(whole, monkeypatch):
     opened = []
-    monkeypatch.setattr(Run, "_require_fitting", lambda run, batch, made: opened.append(made.path))
+    monkeypatch.setattr(Run, "_require_fitting", lambda run, batch, sealed: opened.append(sealed.path))
     for stage in ("touch", "grasps"):
         (whole / "rejected" / stage).mkdir(parents=True)
         for batch in BATCHES:
@@ -222,16 +219,9 @@ def test_no_other_store_is_opened_for_it(whole, monkeypatch):
 
 @pytest.mark.parametrize("field", ["object", "checksum", "up", "scale", "turn"])
 def test_the_digest_of_sources_has_all_that_an_objects_meshes_depend_on(field):
-    """And nothing else: not its class, split or batch."""
+    """And nothing else: not its class or split."""
     entry = catalogue.CatalogueEntry("mug-1", "mug", "train", BATCH, "mug/1.obj", "ab" * 32, "z", "keep", turn="90")
     assert catalogue.sources_of([entry]) != catalogue.sources_of([entry._replace(**{field: "y"})])
-    assert catalogue.sources_of([entry]) == catalogue.sources_of([entry._replace(split="test", batch="batch-0001")])
+    assert catalogue.sources_of([entry]) == catalogue.sources_of([entry._replace(split="test", class_name="cup")])
     other = entry._replace(object="mug-2")
     assert catalogue.sources_of([entry, other]) != catalogue.sources_of([other, entry])
-
-
-def test_values_that_say_how_or_where_are_none_of_what_a_store_was_made_from():
-    vision = {"size": 48, "device": "gpu", "exr": True, "cameras": {"count": 2, "device": "x"}}
-    assert provenance.by_path({"seed": 0, "vision": vision, "hand": {"mjcf": "a.xml"}}) == {
-        **{"seed": 0, "vision.size": 48, "vision.cameras.count": 2}
-    }

@@ -13,6 +13,7 @@ import zarr
 
 import palpate
 import palpate.store
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, write_rejections
 from palpate.camera import looking_at, matrices, paper_camera
@@ -252,11 +253,13 @@ def test_names_are_complete_and_help_has_units_and_shapes(built):
     grasp = pydoc.render_doc(palpate.dataset.GraspRecord, renderer=pydoc.plaintext)
     record = pydoc.render_doc(palpate.dataset.ObjectRecord, renderer=pydoc.plaintext)
     frames = pydoc.render_doc(palpate.dataset.reader.FramesRecord, renderer=pydoc.plaintext)
+    press = pydoc.render_doc(palpate.dataset.reader.PressRecord, renderer=pydoc.plaintext)
     for stage, name, spec in [(each, *pair) for each in CONTRACT for pair in CONTRACT[each].arrays.items()]:
         of_grasp = frames if "frame" in stage else grasp
-        text = of_grasp if spec.of_grasps else record if spec.of_objects and name != "object" else ""
+        of_object = record if spec.of_objects and name != "object" else ""
+        text = of_grasp if spec.of_grasps else press if spec.of_presses else of_object
         if text and name not in ("points", "reading"):
-            axes = spec.shape[2 if spec.of_grasps else 1 :]
+            axes = spec.shape[2 if spec.of_grasps or spec.of_presses else 1 :]
             shape = ", ".join(str(axis) for axis in axes if axis != "k")  # a record has one camera
             said = text.split(f"\n |  {name}\n")[1].split("\n |  \n")[0]
             assert f"({shape}" in said and f"{spec.dtype}, {spec.unit}".rstrip(", ") in said, name
@@ -530,7 +533,7 @@ def test_a_table_of_rejections_that_is_lost_or_damaged_is_an_error(run):
     tables = {batch: run / f"rejected/touch/{batch}.csv" for batch in ("batch-0000", "batch-0001")}
     for table in tables.values():
         table.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(table, checksum=True) as partial:
+        with atomic_write(table, seal.NOTHING) as partial:
             write_rejections(partial, [Rejection("ball-0001", "touch", "no touch")])
     dataset = palpate.Dataset(run)
     assert len(dataset.rejections()) == 2

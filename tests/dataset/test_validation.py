@@ -10,15 +10,21 @@ import trimesh
 import zarr
 
 import palpate.store
-from palpate import checksums
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.dataset.checks import CHECKS, rotation_error
-from palpate.dataset.validation import check_again, combine_validation, read_findings, validate_batch, write_findings
+from palpate.dataset.validation import (
+    check_again,
+    combine_validation,
+    outputs,
+    read_findings,
+    validate_batch,
+    write_findings,
+)
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
-from palpate.store.zarr_files import seal_zarr
 from tests.dataset import test_forces
-from tests.store.conftest import add_frames
+from tests.store.conftest import add_frames, add_presses
 
 BATCH, OBJECT = "batch-0001", "ball-0002"  # one object, two grasps
 PAIR = "batch-0000"  # two objects
@@ -104,6 +110,16 @@ def framed(damage):
     return damage_frames
 
 
+def with_presses(damage):
+    """A damage to a run that is first given presses."""
+
+    def damage_presses(run):
+        add_presses(run)
+        damage(run)
+
+    return damage_presses
+
+
 def no_touch(arrays):
     arrays["success"][0, 1] = False
     arrays["depth"][0, 1] = np.inf
@@ -141,14 +157,17 @@ def made_with(change):
 
     def damage(run):
         path = run / f"vision/{BATCH}.zarr"
-        seal_zarr(path, change(dict(zarr.open_group(path).attrs)))
+        stated = change({**zarr.open_group(path).attrs, "made_from": {}})
+        made_from = stated.pop("made_from")
+        zarr.open_group(path, mode="r+").attrs.put(stated)
+        seal.write(path, made_from)
 
     return damage
 
 
 def change_sealed_table(run):
     table = run / "evaluations.csv"
-    with atomic_write(table, checksum=True) as partial:
+    with atomic_write(table, seal.NOTHING) as partial:
         partial.write_text("chamfer\n1.45\n")
     table.write_text("chamfer\n1.85\n")
 
@@ -166,7 +185,7 @@ def scale_mesh(factor, shift=0.0):
         path = run / "meshes" / BATCH / OBJECT / "visual.glb"
         mesh = trimesh.load_mesh(path)
         mesh.apply_scale(factor).apply_translation([0, shift, 0]).export(path)
-        checksums.write_manifest(run / "meshes" / BATCH)
+        seal.write(run / "meshes" / BATCH)
 
     return damage
 
@@ -179,7 +198,7 @@ def keep_size(diagonal):
         record = json.loads(path.read_text())
         box = [[0, 0, 0], [0, 0, diagonal / record["scale"]]]
         path.write_text(json.dumps(record | {"source": {"scale": "keep", "bounding_box": box}}))
-        checksums.write_manifest(run / "meshes" / BATCH)
+        seal.write(run / "meshes" / BATCH)
 
     return damage
 
@@ -188,17 +207,17 @@ def retype(run):
     group = zarr.open_group(run / f"surface/{BATCH}.zarr")
     points = group["points"][:]
     group.create_array("points", data=points.astype(np.float64), overwrite=True)
-    seal_zarr(run / f"surface/{BATCH}.zarr")
+    seal.write(run / f"surface/{BATCH}.zarr")
 
 
 def extra_array(run):
     zarr.open_group(run / f"vision/{BATCH}.zarr").create_array("glow", data=np.zeros(3))
-    seal_zarr(run / f"vision/{BATCH}.zarr")
+    seal.write(run / f"vision/{BATCH}.zarr")
 
 
 def without_depth(run):
     shutil.rmtree(run / f"touch/{BATCH}.zarr/depth")
-    seal_zarr(run / f"touch/{BATCH}.zarr")
+    seal.write(run / f"touch/{BATCH}.zarr")
 
 
 def table(name, change):
@@ -219,7 +238,7 @@ NAN, INF = np.nan, np.inf
 PICTURE = ("unoccluded_mask", "unoccluded_depth")
 OF_FORCES = {check for *_, check in test_forces.DAMAGES} - {"finite"}  # caught there
 DAMAGES = {
-    "made from": [("vision", made_with(lambda had: had | {"made_from": {"inputs": {"grasps": "0" * 64}}}))],
+    "made from": [("vision", made_with(lambda had: had | {"made_from": {"inputs": {f"grasps/{BATCH}.h5": "0" * 64}}}))],
     "readable": [
         ("surface", file(f"surface/{BATCH}.zarr")),
         ("grasps", file(f"grasps/{BATCH}.h5", lambda data: data[: len(data) // 2])),
@@ -238,7 +257,7 @@ DAMAGES = {
         ("touch", file(f"touch/{BATCH}.zarr/success/c/0/0/0", flip_the_middle)),
         ("grasps", file(f"grasps/{BATCH}.h5", flip_a_bit)),
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", flip_a_bit)),
-        ("meshes", file(f"meshes/{BATCH}/manifest.json")),
+        ("meshes", file(f"meshes/{BATCH}/seal.json")),
     ],
     "tables": [("run", change_sealed_table)],
     "sources": [
@@ -255,10 +274,15 @@ DAMAGES = {
     "rotation": [
         ("grasps", renewed("grasps", lambda pose: pose * [1, -1, 1, 1], "palm_pose")),
         ("grasps", put("grasps", "palm_pose", (0, 1, 3, 0), 1e-5)),
+        ("press", with_presses(add("press", "rotation", (0, 1, 2, 0), 1e-5))),
     ],
     "scale": [("meshes", scale_mesh(1.001)), ("meshes", scale_mesh(1, shift=1e-5)), ("meshes", keep_size(0.499))],
     "inside box": [("surface", put("surface", "points", (0, 7, 2), value)) for value in (0.9, NAN)],
-    "on mesh": [("surface", put("surface", "points", (0, 7), [0, 0, 0.6])), ("touch", edit("touch", move_points))],
+    "on mesh": [
+        ("surface", put("surface", "points", (0, 7), [0, 0, 0.6])),
+        ("touch", edit("touch", move_points)),
+        ("press", with_presses(add("press", "point", (0, 1), 1e-3))),
+    ],
     "joint limits": [("grasps", put("grasps", "joint_positions", (0, 1, 0), value)) for value in (0.53, NAN)],
     "kinematics": [
         ("grasps", add("grasps", "joint_positions", (0, 0, 5), 1e-3)),
@@ -282,6 +306,7 @@ DAMAGES = {
     ],
     "touch depth": [
         ("frames", framed(put("frames", "depth", (0, 0, 1, 0, 0, 0), 0.0251))),
+        ("press", with_presses(put("press", "depth", (0, 1, 3, 4), 0.0251))),
         ("touch", felt_pixel(0.0)),
         ("touch", felt_pixel(-0.001)),
         ("touch", felt_pixel(0.0251)),
@@ -302,9 +327,26 @@ DAMAGES = {
     "reading": [
         ("touch", touched("reading", lambda image: image.transpose(1, 0, 2))),
         ("touch", untouched("reading", lambda arrays: arrays["empty_reading"])),
+        ("press", with_presses(renewed("press", lambda images: images[:, :, :, ::-1], "reading"))),
     ],
-    "empty reading": [("touch", add("touch", "empty_reading", (5, 6, 1), 1))],
-    "finite": [("frames", framed(put("frames", "joint_velocities", (0, 1, 0, 2), NAN)))],
+    "pressed": [
+        ("press", with_presses(renewed("press", lambda pressure: pressure * 1.001, "pressure"))),
+        ("press", with_presses(put("press", "force", (0, 1, 2), 2.1))),
+        ("press", with_presses(put("press", "pressure", (0, 0, 0, 0, 0), -1e-3))),
+    ],
+    "press pose": [
+        ("press", with_presses(add("press", "point", (0, 1, 2), 1e-4))),
+        ("press", with_presses(renewed("press", lambda depth: depth - np.float32(1e-4), "depth"))),
+    ],
+    "outside": [("press", with_presses(put("press", "position", (0, 1), [0, 0, 0.6])))],
+    "empty reading": [
+        ("touch", add("touch", "empty_reading", (5, 6, 1), 1)),
+        ("press", with_presses(add("press", "empty_reading", (5, 6, 1), 1))),
+    ],
+    "finite": [
+        ("frames", framed(put("frames", "joint_velocities", (0, 1, 0, 2), NAN))),
+        ("press", with_presses(put("press", "approach", (0, 1, 2), NAN))),
+    ],
     "frame times": [("frames", framed(put("frames", "time", (0, 0, 1), value))) for value in (0.0, NAN)],
     "last frame": [
         ("frames", framed(add("frames", "joint_positions", (0, 1, 2, 3), 1e-12))),
@@ -349,7 +391,7 @@ def validate(run, *others) -> pd.DataFrame:
     table = run / f"reports/validation/{BATCH}.csv"
     write_findings(table, validate_batch(run, BATCH))
     findings = [finding for path in (table, *others) for finding in read_findings(path)]
-    return combine_validation(findings, run, run / "sources")
+    return combine_validation(findings, run, run / "sources", outputs(run))
 
 
 @pytest.fixture(scope="module")
@@ -362,6 +404,7 @@ def pair(built, tmp_path_factory):
 
 def test_a_good_run_passes_every_check(run, pair):
     add_frames(run)
+    add_presses(run)
     report = validate(run, pair)
     assert report.passed.all(), report[~report.passed].to_string()
     assert set(report.check) == set(CHECKS) - OF_FORCES
@@ -469,7 +512,7 @@ def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, sh
     """Some of the object's pixels show nothing, or something further off or nearer than its first face."""
     path = run / "meshes" / BATCH / OBJECT / "mesh.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"visual.glb": {"see_through": see_through}}))
-    checksums.write_manifest(run / "meshes" / BATCH)
+    seal.write(run / "meshes" / BATCH)
     window = (..., slice(26, 38), slice(22, 30))  # on the object, left of what hides it
 
     def change(arrays):

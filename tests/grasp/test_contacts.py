@@ -139,7 +139,7 @@ def torques_of(found, palm, joints):
         HAND.forward(palm, joints + step * np.eye(len(joints))),
         HAND.forward(palm, joints - step * np.eye(len(joints))),
     )
-    for position, normal, force, *pair in zip(*found, strict=True):
+    for position, normal, force, *pair, _ in zip(*found, strict=True):
         for link, sign in zip(pair, (1, -1), strict=True):
             if link != OBJECT:
                 own = np.linalg.inv(links[link]) @ [*position, 1]
@@ -193,7 +193,8 @@ def test_forces_are_sorted_and_never_pull(grasp):
 def test_frames_have_the_largest_forces_in_slots_and_the_number_of_all(jaw):
     many = SLOTS + 3
     normal = np.tile([0, 0, -1.0], (many, 1))
-    found = Contacts(np.ones((many, 3)), normal, np.arange(many, 0, -1.0), np.ones(many, int), np.full(many, OBJECT))
+    force, links = np.arange(many, 0, -1.0), (np.ones(many, int), np.full(many, OBJECT))
+    found = Contacts(np.ones((many, 3)), normal, force, *links, np.zeros((many, 3)))
     none = Contacts(*(values[:0] for values in found))
     position, rotation = jaw.sensor_frames(jaw.forward(np.eye(4), np.zeros((2, 1))))
     arrays = contact_arrays([none, found], jaw.sensor_link, position, rotation)

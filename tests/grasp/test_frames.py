@@ -8,11 +8,11 @@ import pytest
 import trimesh
 
 from palpate.batch import generator
-from palpate.checksums import DamagedFile
 from palpate.grasp import Grasper, closing_frames, grasp_object
 from palpate.grasp.frames import frame_steps
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
+from palpate.seal import DamagedFile
 
 HAND, COUNT = allegro(), 12
 MESH = trimesh.creation.box((0.06, 0.09, 0.48)).subdivide().subdivide()

@@ -8,13 +8,13 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from palpate.batch import generator
-from palpate.checksums import DamagedFile
 from palpate.grasp import Grasper, grasp_object, hold, hold_grasps
 from palpate.grasp.hold import GRAVITY, HoldSimulation, body_of
 from palpate.grasp.patches import surface_patches
 from palpate.hand import allegro, from_mjcf
 from palpate.hand.model import ARM, STIFFNESS
 from palpate.mesh import OBJECT_POSITION
+from palpate.seal import DamagedFile
 
 HANDS = Path(__file__).parents[2] / "config/hands"
 GRIPPER = from_mjcf(HANDS / "wsg50.xml", HANDS / "wsg50.yaml")

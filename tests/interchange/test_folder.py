@@ -18,7 +18,7 @@ import zarr
 from PIL import Image
 
 import palpate
-from palpate import checksums
+from palpate import seal
 from palpate.atomic import remove
 from palpate.dataset.run import Run
 from palpate.interchange import export
@@ -40,7 +40,7 @@ def files_of(folder):
 
 def test_sums_are_of_all_files_and_sha256sum_takes_them(exported):
     lines = (exported / "SHA256SUMS").read_text().splitlines()
-    assert {line.split("  ", 1)[1] for line in lines} == files_of(exported) - {"SHA256SUMS"}
+    assert {line.split("  ", 1)[1] for line in lines} == files_of(exported) - {"SHA256SUMS", "seal.json"}
     subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=exported, check=True)
 
 
@@ -70,7 +70,7 @@ def test_a_mesh_that_is_not_the_one_that_was_written_is_an_error(run, tmp_path, 
     if damage == "change":
         path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
     with pytest.raises(
-        checksums.DamagedFile, match="block-0000/visual.glb (is missing|has changed .*); remove .*batch-0000"
+        seal.DamagedFile, match="block-0000/visual.glb (is missing|has changed .*); remove .*batch-0000"
     ):
         export(palpate.Dataset(run), tmp_path / "out", arrays=["success"])
     assert not list(tmp_path.glob("*out*"))
@@ -111,7 +111,7 @@ def test_croissant_describes_the_files_and_their_columns(exported):
     nodes = {each["@id"]: each for each in described["distribution"]}
     for node in nodes.values():
         if node["@type"] == "cr:FileObject":
-            size, digest = checksums.size_and_sha256(exported / node["contentUrl"])
+            size, digest = seal.size_and_sha256(exported / node["contentUrl"])
             assert (node["contentSize"], node["sha256"]) == (f"{size} B", digest)
             continue
         if node["name"] == "meshes":

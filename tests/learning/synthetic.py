@@ -97,7 +97,7 @@ def published_means() -> dict[str, float]:
 def means_of_tables() -> dict[str, float]:
     """Those of the paper, and for other experiments of a table those of the paper's same inputs."""
     means = published_means()
-    of_tables = [each for table in DECLARED.tables.values() for each in table.experiments]
+    of_tables = [each for table in DECLARED.tables.values() for each in table.by_name.values()]
     return means | {each.name: means.get(each.stated_as, 1.0) for each in of_tables}
 
 

@@ -11,10 +11,9 @@ import torch
 from palpate.charts import vision_atlas
 from palpate.experiments import Correction, Experiment
 from palpate.learning.checkpoints import load
-from palpate.learning.draws import training_samples
 from palpate.learning.learners import ReconstructionLearner
 from palpate.learning.loop import train
-from palpate.learning.samples import Assembler, Sample, windows
+from palpate.learning.samples import Assembler, Sample, training_samples, windows
 from palpate.models.kriging import touched_points
 from palpate.models.retrieval import Objects
 from tests.learning.conftest import SETTINGS, made_up
@@ -75,6 +74,34 @@ def test_in_training_no_object_is_its_own_template(monkeypatch):
         learner.losses([Sample(number, (0,)) for number in chosen], torch.Generator())
     assert searched[0]["excluded"].tolist() == [train.index(number) for number in train[::-1]]
     assert searched[1]["excluded"].tolist() == [-1] * len(validation)
+
+
+@pytest.mark.parametrize("vision", ["occluded", "unoccluded", "none"])
+def test_a_start_is_made_once_of_the_same_inputs_and_is_the_same(monkeypatch, vision):
+    """Samples whose images and touches are others have others; losses are those of a learner that has seen nothing."""
+    data = made_up(vision, "charts", grasps=3)
+    experiment = row("template", vision, grasps=3, fewer_grasps=True)
+    learners = [ReconstructionLearner(data, experiment, SETTINGS, 0) for _ in range(2)]
+    kept, fresh = learners
+    searched, search = [], Objects.best
+    monkeypatch.setattr(Objects, "best", lambda *given: searched.append(given[1]) or search(*given))
+    samples = [
+        Sample(number, grasps, touched=touched)
+        for number in (data.of_split("train")[0], data.of_split("validation")[0])
+        for grasps in ((0, 1, 2), (0, 2, 1), (1, 0, 2))
+        for touched in range(experiment.fewest_grasps, 3)
+    ]
+    kept.begin()
+    for sample in samples * 2:
+        fresh.begin()
+        losses = [learner.losses([sample], torch.Generator().manual_seed(0)) for learner in (kept, fresh)]
+        assert torch.equal(*losses)
+    # Of two objects: without touches of 2 first grasps whose images differ, or 1; of one, 2; of two in order, 3.
+    starts = 2 * ({"occluded": 2, "unoccluded": 1, "none": 0}[vision] + 2 + 3)
+    assert len(searched) == starts + 2 * len(samples)
+    with torch.inference_mode():  # as a validation
+        kept.losses([samples[-1]], torch.Generator(), validation=True)
+    assert len(searched) == starts + 2 * len(samples)
 
 
 def test_without_copies_the_vision_charts_are_the_same():

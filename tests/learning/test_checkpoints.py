@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from palpate import seal
 from palpate.architectures import GCN, PAPER_ARCHITECTURES
 from palpate.learning.checkpoints import CheckpointError, build, load, load_touch_depth, save
 from palpate.models import TouchDepth
@@ -33,6 +34,7 @@ def path(tmp_path, model):
 
 def changed(path, **values):
     torch.save(torch.load(path, weights_only=True) | values, path)
+    seal.write(path)
 
 
 def test_what_is_written_is_loaded(path, model):
@@ -105,7 +107,7 @@ def test_of_another_architecture(path):
 
 def test_of_another_schema_version(path):
     changed(path, schema_version=7)
-    with pytest.raises(CheckpointError, match="schema version 7, but this palpate reads version 3"):
+    with pytest.raises(CheckpointError, match="schema version 7, but this palpate reads version 4"):
         load(path)
 
 
@@ -126,9 +128,12 @@ def test_no_checkpoint(tmp_path, capsys):
     run.parent.mkdir(parents=True)
     for content in (b"", b"no checkpoint"):
         run.write_bytes(content)
-        with pytest.raises(CheckpointError, match="is no checkpoint of Palpate"):
+        with pytest.raises(CheckpointError, match="its seal .* can't be read"):
             load(run)
     torch.save({"schema_version": 1, "kind": Code()}, run)
+    with pytest.raises(CheckpointError, match="its seal .* can't be read"):
+        load(run)
+    seal.write(run)
     with pytest.raises(CheckpointError, match="is no checkpoint"):
         load(run)
     assert "run" not in capsys.readouterr().out
@@ -156,7 +161,7 @@ def test_no_altered_bit_changes_the_model_without_an_error(path, model):
             found = load(path).state_dict()
         except CheckpointError as error:
             noticed += 1
-            assert str(path) in str(error) and "train" in str(error)
+            assert str(path) in str(error) and "remove it and" in str(error)
         else:  # a byte that no reader looks at, such as padding
             assert all(torch.equal(found[name], value) for name, value in expected.items())
     assert noticed > 50
@@ -166,7 +171,7 @@ def test_no_altered_bit_changes_the_model_without_an_error(path, model):
 def test_a_checkpoint_that_was_cut_off_is_an_error(path, kept):
     content = path.read_bytes()
     path.write_bytes(content[: int(kept * len(content)) if kept == 0.5 else kept])
-    with pytest.raises(CheckpointError, match=f"{path} is no checkpoint of Palpate .*; remove it and train again"):
+    with pytest.raises(CheckpointError, match=f"{path} is damaged.*; remove it and build it again"):
         load(path)
 
 

@@ -49,6 +49,8 @@ def arrays_of(stage, names, seed):
         "b": 3,
         "v": 2,
         "q": 4,
+        "i": 2,
+        "u": 2,
     }
     found = {}
     for name, spec in store.CONTRACT[stage].arrays.items():

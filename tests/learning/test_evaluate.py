@@ -295,7 +295,7 @@ def test_a_record_that_does_not_say_the_steps_is_named_with_the_remedy(tmp_path,
     path.parent.mkdir(parents=True)
     if content is not None:
         path.write_text(content)
-    with pytest.raises(EvaluationError, match=f"{path} .*train the model again with: snakemake models/a/seed-0/"):
+    with pytest.raises(EvaluationError, match=f"{path} .*(build it|again) with: snakemake models/a/seed-0/"):
         training_steps(path)
 
 

@@ -22,8 +22,7 @@ from palpate.learning.evaluate import Trained, evaluate, evaluate_touch
 from palpate.learning.learners import ReconstructionLearner, TouchDepthLearner
 from palpate.learning.recipes import Settings, TouchDepthSettings
 from palpate.learning.reconstruct import ReconstructionError, Reconstructor
-from palpate.learning.touch_charts import object_charts
-from palpate.learning.touch_readings import read_touches
+from palpate.learning.touch_charts import object_charts, read_touches
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction, TouchDepth
 from palpate.results import dataset_tables

@@ -109,6 +109,7 @@ def test_modality_then_strategy():
         ({"reconstruction": {"schedule": "cosine"}}, "fast.reconstruction.schedule: 'cosine' is not one of"),
         ({"reconstruction": {"architecture": {"gcn": {"depth": 1}}}}, "gcn.depth: unknown key"),
         ({"epochs": 3}, "fast.epochs: unknown key"),
+        ({"strategies": {"pold": {}}}, "'pold' is not one of charts, no_copy"),
         (
             {"reconstruction": {"architecture": {"failed": "fixed"}}},
             "fast.reconstruction.architecture.failed: unknown key; did you mean 'failed_charts'?",

@@ -10,7 +10,7 @@ import trimesh
 import zarr
 
 import palpate
-from palpate import command, store, vision
+from palpate import command, seal, store, vision
 from palpate.architectures import Architecture
 from palpate.camera import looking_at, matrices, paper_camera
 from palpate.charts import sphere
@@ -410,6 +410,7 @@ def copy_of(run, tmp_path, name, **changes):
     path = tmp_path / "models" / name / "seed-0" / "best.ckpt"
     path.parent.mkdir(parents=True)
     torch.save({**held, **changes}, path)
+    seal.write(path)
     return path
 
 

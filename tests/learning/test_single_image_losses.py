@@ -14,11 +14,11 @@ from palpate.experiments import Experiment
 from palpate.learning.checkpoints import build, load
 from palpate.learning.learners import Diverged, ReconstructionLearner
 from palpate.learning.loop import train
-from palpate.learning.losses import Truth
 from palpate.learning.machine import Machine
 from palpate.learning.samples import windows
-from palpate.learning.single_image_losses import LOSSES, laplacian, mean_cosine
 from palpate.mesh import OBJECT_POSITION
+from palpate.models.losses import Target, Truth
+from palpate.models.single_image import laplacian, mean_cosine
 from tests.learning.conftest import ARCHITECTURE, SETTINGS, kill_when, made_up
 from tests.learning.test_recipes import resolve
 
@@ -82,13 +82,14 @@ def with_gradient(shape, seed=0, spread=0.1):
 def test_points_are_pulled_to_the_surface_and_it_to_them(truth):
     """All true points take part, so that nothing is random."""
     points = with_gradient((2, 30, 3))
-    found = LOSSES["psg"](None, [points], truth, [1, 0], 400, torch.Generator())
+    model = build(experiment("psg"), layers("psg"))
+    found = model.loss([points], Target(truth, [1, 0], 400, torch.Generator()))
     for k, number in enumerate((1, 0)):
         mine, cloud = points[k].detach().numpy(), truth.points[number].numpy()
         naive = nearest_rows(mine, cloud)[1].mean() + nearest_rows(cloud, mine)[1].mean()
         assert float(found[k].detach()) == pytest.approx(9000 * naive)
     assert torch.autograd.gradcheck(
-        lambda each: LOSSES["psg"](None, [each], truth, [1, 0], 400, torch.Generator()), points, atol=1e-4
+        lambda each: model.loss([each], Target(truth, [1, 0], 400, torch.Generator())), points, atol=1e-4
     )
 
 
@@ -97,7 +98,7 @@ def test_pixel2meshs_loss_by_loops(truth):
     model = build(experiment("pixel2mesh"), layers("pixel2mesh")).double()
     start = model.start.numpy()
     stages = [with_gradient((1, 1154, 3), seed, 0.05) for seed in range(3)]
-    found = LOSSES["pixel2mesh"](model, stages, truth, [1], 400, torch.Generator())
+    found = model.loss(stages, Target(truth, [1], 400, torch.Generator()))
     neighbours = [set() for _ in start]
     for a, b, c in model.faces.tolist():
         for u, v in ((a, b), (b, c), (c, a)):
@@ -150,7 +151,7 @@ def test_cross_entropy_of_the_cells(truth):
     odds = 2 * torch.randn(2, 32, 32, 32, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     odds.requires_grad_()
     model = build(experiment("r2n2"), layers("r2n2"))
-    found = LOSSES["r2n2"](model, [odds], truth, [1, 0], PARTIAL, torch.Generator())
+    found = model.loss([odds], Target(truth, [1, 0], PARTIAL, torch.Generator()))
     for k, number in enumerate((1, 0)):
         there = truth.occupied([number])[0].numpy()
         probability = 1 / (1 + np.exp(-odds[k].detach().numpy()))

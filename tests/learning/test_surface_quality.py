@@ -75,4 +75,4 @@ def test_faces_without_area_have_no_angle():
 
 
 def test_points_and_voxels_have_no_charts():
-    assert topology("psg") is None and np.isnan(surface_quality(HINGE, None, cKDTree(PLANE))).all()
+    assert topology(None) is None and np.isnan(surface_quality(HINGE, None, cKDTree(PLANE))).all()

@@ -16,13 +16,13 @@ import trimesh
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from palpate import checksums, mesh
+from palpate import mesh, seal
 from palpate.batch import UnusableObject
-from palpate.checksums import DamagedFile
 from palpate.mesh import topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface
 from palpate.mesh.isolation import isolated
+from palpate.seal import DamagedFile
 from tests.mesh import nasty
 
 NAMES = ["visual.glb", "collision.ply", "mesh.json"]
@@ -299,8 +299,8 @@ def test_geometry_is_what_trimesh_reads(tmp_path):
 def test_meshes_of_a_batch_that_are_lost_or_changed_are_an_error(knotted, tmp_path):
     batch = tmp_path / "meshes/batch-0000"
     shutil.copytree(knotted[0] / "out", batch / "mug-0001")
-    before = mesh.load_visual(batch / "mug-0001")  # of an object alone, without a manifest
-    checksums.write_manifest(batch)
+    before = mesh.load_visual(batch / "mug-0001")  # of an object alone, without a seal
+    seal.write(batch)
     assert mesh.usable(batch, contents=True) == ["mug-0001"]
     np.testing.assert_array_equal(mesh.load_visual(batch / "mug-0001").vertices, before.vertices)
     loads = {"visual.glb": mesh.load_visual, "collision.ply": mesh.load_collision}

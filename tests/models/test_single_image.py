@@ -11,8 +11,9 @@ from palpate.camera import paper_camera
 from palpate.charts import ATLAS_RADIUS, sphere
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS
+from palpate.models.losses import CELL, occupied
 from palpate.models.pooling import pool, relative_camera
-from palpate.models.single_image import CELL, DeformedSphere, PointSet, Voxels, grid_surface, occupied, view_axes
+from palpate.models.single_image import DeformedSphere, PointSet, Voxels, grid_surface, view_axes
 from palpate.vision import views
 from tests.models.batches import SMALL, random_batch, resized_world
 

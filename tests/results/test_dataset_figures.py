@@ -203,8 +203,8 @@ def test_the_closing_shows_frames_evenly_and_rests_at_the_last(dataset, monkeypa
 
 def test_poses_are_rendered_in_one_session_and_each_as_if_it_were_alone(dataset, monkeypatch):
     """The object's file is read once; of each pose the same bytes come from a new Blender scene of its own."""
-    scenes, files, read = [], [], Renderer._read_file
-    monkeypatch.setattr(Renderer, "_read_file", lambda self, path: (files.append(path), read(self, path)))
+    scenes, files, read = [], [], Renderer.read_file
+    monkeypatch.setattr(Renderer, "read_file", lambda self, path: (files.append(path), read(self, path)))
     monkeypatch.setattr(figures, "Scene", lambda *given, **others: scenes.append(Scene(*given, **others)) or scenes[-1])
     grasp = example_grasp(dataset)
     opened = grasp.object.hand.forward(grasp.palm_pose, grasp.object.hand.open_joint_positions)
@@ -240,7 +240,7 @@ def test_the_camera_holds_everything_and_no_more():
 
 @pytest.mark.parametrize("azimuth", [0, 90, 210])
 def test_points_on_a_ball_are_looked_at_from_their_side(monkeypatch, azimuth):
-    monkeypatch.setattr(figures, "load_visual", lambda mesh: trimesh.creation.icosphere(4, 0.2))
+    monkeypatch.setattr(figures, "load_geometry", lambda mesh: trimesh.creation.icosphere(4, 0.2))
     rng = np.random.default_rng(0)
     cap = towards(azimuth, 0) + 0.2 * rng.normal(size=(200, 3))
     cap = OBJECT_POSITION + 0.2 * cap / np.linalg.norm(cap, axis=1, keepdims=True)

@@ -69,7 +69,7 @@ def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_nee
     for make in (lambda rows: decide(rows, rings, touches, resamples=50), lambda rows: touch_effect(rows, 50)):
         pd.testing.assert_frame_equal(make(of_needed), make(measured))
     for name, table in DECLARED.tables.items():
-        for experiment in table.experiments:
+        for experiment in table.by_name.values():
             assert table.split in needed_splits(experiment, DECLARED.tables), name
 
 
@@ -86,7 +86,7 @@ def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_nee
 )
 def test_a_split_is_needed_by_a_table_a_claim_or_a_difference(experiment, tables, splits):
     made = Experiment(experiment, strategy="charts", vision="none", touch=True, grasps=1)
-    declared = {name: Comparison(name, split, (made,)) for name, split in tables.items()}
+    declared = {name: Comparison(name, split, {made.name: made}) for name, split in tables.items()}
     assert needed_splits(made, declared) == list(splits)
 
 

@@ -10,12 +10,12 @@ import pytest
 import trimesh
 
 import palpate.store
-from palpate import checksums, provenance
+from palpate import seal
 from palpate.batch import generator
 from palpate.hand import allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.sensor import DIGIT
-from palpate.touch import RayCaster, empty_reading, sense
+from palpate.touch import RayCaster, empty_reading, press_object, sense, shade_pressed
 from palpate.vision import Image, paper_camera
 from palpate.vision.image import vision_record
 
@@ -136,8 +136,7 @@ def build(folder: Path) -> None:
             shape(name).export(mesh_folder / "visual.glb")
             record = {"source": {"scale": "diagonal"}, "scale": SCALE, "diagonal": DIAGONAL}
             (mesh_folder / "mesh.json").write_text(json.dumps(record))
-        (folder / "meshes" / batch / provenance.RECORD).write_text("{}\n")
-        checksums.write_manifest(folder / "meshes" / batch)
+        seal.write(folder / "meshes" / batch)
         kept = [name for name in names if name != REJECTED]
         grasps = {name: grasp(name) for name in kept}
         arrays = {
@@ -195,6 +194,24 @@ def make_frames(folder: Path, count: int = 3) -> dict[tuple[str, str], dict[str,
         made["frames", batch] = palpate.store.join("frames", records) | {"empty_reading": empty_reading()}
         made["frame_images", batch] = palpate.store.join("frame_images", pictures)
     return made
+
+
+PRESSES: dict[str, dict[str, np.ndarray]] = {}  # arrays by batch: made once a process
+
+
+def add_presses(folder: Path) -> None:
+    """Give the run two presses an object, with three forces each."""
+    if not PRESSES:
+        for batch, names in BATCHES.items():
+            records = {}
+            for name in names:  # grasps, which rejected one, are not read
+                points, draw = surface_points(name) - OBJECT_POSITION, generator(0, name, "press")
+                arrays, _ = press_object(shape(name), points, DIGIT, draw, 2, (0.5, 1.0, 2.0), tilt=0.05)
+                records[name] = arrays | {key: arrays[key] + OBJECT_POSITION for key in ("point", "position")}
+            empty = shade_pressed(np.zeros(DIGIT.resolution), DIGIT)
+            PRESSES[batch] = palpate.store.join("press", records) | {"empty_reading": empty}
+    for batch, arrays in PRESSES.items():
+        palpate.store.write(folder / palpate.store.CONTRACT["press"].path(batch), "press", arrays, ATTRIBUTES)
 
 
 BUILT: list[Path] = []  # of this process: the fixture is of several folders

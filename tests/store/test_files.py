@@ -15,13 +15,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import palpate.store
+from palpate import seal
 from palpate.sensor import DIGIT
 from palpate.store import CONTRACT, StoreError, join, read, write
-from palpate.store.hdf5_file import seal_hdf5
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
 SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3}
-SIZES |= {"w": 5, "f": 3, "h": 2, "a": 3}
+SIZES |= {"w": 5, "f": 3, "h": 2, "a": 3, "i": 3, "u": 2, "t": 2, "e": 3}
 STAGES = tuple(CONTRACT)
 
 
@@ -77,7 +77,24 @@ def contents(draw):
     stage = draw(st.sampled_from(STAGES))
     objects = draw(st.integers(0, 2))
     sizes = {"o": objects, "n": draw(st.integers(0, 3)), **{axis: draw(st.integers(1, 3)) for axis in "gskpv"}}
-    sizes |= {"m": 2, "j": 2, "l": 1, "r": 2, "c": 3, "rc": 6, "b": 4, "q": 2, "w": 2, "f": 2, "h": 1, "a": 2}
+    sizes |= {
+        "m": 2,
+        "j": 2,
+        "l": 1,
+        "r": 2,
+        "c": 3,
+        "rc": 6,
+        "b": 4,
+        "q": 2,
+        "w": 2,
+        "f": 2,
+        "h": 1,
+        "a": 2,
+        "i": 1,
+        "u": 1,
+        "t": 2,
+        "e": 2,
+    }
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():
@@ -146,8 +163,8 @@ def test_a_store_is_few_files_however_many_objects(tmp_path):
             path = path_of(tmp_path, stage)
             write(path, stage, arrays_of(stage, objects), ATTRIBUTES)
             counts.add(sum(file.is_file() for file in path.rglob("*")))
-        # The group's metadata, and for each array its metadata and one shard.
-        assert counts == {1 + 2 * len(CONTRACT[stage].arrays)}
+        # The group's metadata and seal, and for each array its metadata and one shard.
+        assert counts == {2 + 2 * len(CONTRACT[stage].arrays)}
 
 
 def stored_chunks(shard: Path, chunks: int) -> np.ndarray:
@@ -223,7 +240,7 @@ def test_a_run_of_an_earlier_version_is_refused_with_the_command_that_builds_it_
         write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
         zarr.open_group(path).attrs["schema_version"] = 1
         command = f"snakemake dataset touch/batch-0000.zarr --cores 2 --configfile {config} --forceall"
-        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 6; .* {command}$"):
+        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 7; .* {command}$"):
             palpate.store.open(path)
 
 
@@ -262,7 +279,7 @@ def test_every_file_that_is_lost_emptied_or_cut_off_is_an_error_not_fill_values(
             file.write_bytes(content[:kept])
             refused(path, "damaged|can't be read|schema version")
         file.unlink()
-        refused(path, "is missing|can't be read|does not exist")
+        refused(path, "is missing|can't be read|does not exist|has no seal")
         file.write_bytes(content)
     read_all(path)
 
@@ -323,7 +340,7 @@ def test_a_file_of_the_same_size_from_another_store_is_found_by_verify(tmp_path)
     write(path, "touch", arrays, ATTRIBUTES)
     write(other, "touch", arrays | {"success": ~arrays["success"]}, ATTRIBUTES)
     palpate.store.open(path).verify()
-    assert palpate.store.open(path).digest != palpate.store.open(other).digest
+    assert palpate.store.open(path).seal.digest != palpate.store.open(other).seal.digest
     shutil.rmtree(path / "success")
     shutil.copytree(other / "success", path / "success")
     with pytest.raises(StoreError, match=f"{path} is damaged: success/c/0/0/0 has changed since it was written"):
@@ -398,7 +415,7 @@ def test_a_file_that_goes_between_the_look_at_it_and_its_reading_is_an_error(tmp
     store = palpate.store.open(path)
     store.get("depth", 0)
     shutil.rmtree(path / "depth/c")
-    monkeypatch.setattr("palpate.checksums.find_damage", lambda *_: [])  # it was still there
+    monkeypatch.setattr("palpate.seal.Seal.damage", lambda *_, **__: [])  # it was still there
     for read_again in (
         lambda: store.get("depth", (0, 1)),
         lambda: store.get("depth", np.array([0])),
@@ -418,7 +435,7 @@ def test_an_index_out_of_range_is_not_blamed_on_the_file(tmp_path):
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_batch_without_objects_joins_and_is_written(tmp_path, stage):
     arrays = join(stage, {})
-    if stage == "touch":
+    if stage in ("touch", "press"):
         arrays["empty_reading"] = np.zeros((4, 4, 3), np.uint8)
     write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
     assert read(path_of(tmp_path, stage))["object"].shape == (0,)
@@ -463,8 +480,8 @@ def test_another_schema_version_is_refused(tmp_path):
     write(path, "grasps", arrays_of("grasps", 1), ATTRIBUTES)
     with h5py.File(path, "a") as file:
         file.attrs["schema_version"] = "99"
-    seal_hdf5(path)
-    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 6"):
+    seal.write(path, seal.read(path).made_from)
+    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 7"):
         palpate.store.open(path)
 
 
@@ -568,5 +585,5 @@ def test_a_store_without_names_of_its_axes_reads_the_same(tmp_path):
     for file in path.glob("*/zarr.json"):
         header = json.loads(file.read_text())
         file.write_text(json.dumps({key: each for key, each in header.items() if key != "dimension_names"}))
-    palpate.store.zarr_files.seal_zarr(path)
+    seal.write(path)
     assert_same(read(path), arrays)

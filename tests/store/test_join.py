@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.batch import Rejection, read_rejections
-from palpate.provenance import combine
+from palpate.seal import combine
 from palpate.sensor import DIGIT
 from palpate.store import Store, StoreError, join, read, write, write_batch
 
@@ -75,4 +75,4 @@ def test_a_batch_has_its_store_and_its_rejections(tmp_path):
     assert found["object"].tolist() == ["a"]
     assert (found["empty_reading"] == 7).all() and (found["depth"] == 1).all()
     assert found.attributes["seed"] == 3 and found.attributes["sensor"] == sensor
-    assert found.made.config == {"surface.points": 100} and found.made.digest == found.digest
+    assert found.seal.config == {"surface.points": 100}

@@ -8,7 +8,7 @@ import trimesh
 
 from palpate.sensor import DIGIT, Sensor, load
 from palpate.touch import RayCaster, empty_reading, local_points, sense, shade
-from palpate.touch.shading import impression, smoothed
+from palpate.touch.shading import impression, light_of, normals, smoothed
 
 DOME = Sensor.from_description(load("dome360").description() | {"resolution": 60})
 MINI = Sensor.from_description(load("gelsight_mini").description() | {"resolution": [48, 60]})
@@ -111,9 +111,10 @@ def test_a_background_is_the_empty_reading_and_touch_changes_it_as_without():
     kind = replace(DIGIT, background=background)
     np.testing.assert_array_equal(empty_reading(kind), background)
     depth = RayCaster(trimesh.creation.icosphere(radius=0.02), (0.0435, 0, 0)).trace(*POSE)[0]
-    change = shade(depth).astype(int) - empty_reading()
-    assert np.abs(change).max() > 20
-    np.testing.assert_array_equal(shade(depth, kind), np.clip(background + change, 0, 255))
+    heights = impression(depth.astype(np.float32)), np.zeros((100, 100), np.float32)
+    pressed, empty = (light_of(height, normals(height, DIGIT.pixel)) for height in heights)
+    assert np.abs(pressed - empty).max() > 20
+    np.testing.assert_array_equal(shade(depth, kind), np.rint(np.clip(background + (pressed - empty), 0, 255)))
 
 
 def test_grey_levels_above_255_saturate():

@@ -33,7 +33,7 @@ def test_the_rectangle_holds_everything_drawn():
     camera = paper_camera(100)
     points = np.array([[0.1, 0.1, 0.7], [-0.1, 0.0, 0.5], [0.0, -0.1, 0.6]])
     render = bpy.context.scene.render
-    renderer._crop(render, 100, *Renderer._rectangle(camera, points))
+    renderer._crop(render, 100, *Renderer.rectangle(camera, points))
     pixels, _ = camera.project(points)
     assert (pixels[:, 0] > render.border_min_x * 100 + 1).all()
     assert (pixels[:, 0] < render.border_max_x * 100 - 1).all()

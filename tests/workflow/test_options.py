@@ -37,7 +37,7 @@ def run(make_workflow, tmp_path_factory):
     own = {
         "name": "own",
         "resolution": PIXELS,
-        "gel": {"radius": 0.02},
+        "gel": {"face": {"radius": 0.02}},
         "smoothing": smoothing,
         "background": "gel.png",
     }

@@ -17,7 +17,7 @@ from snakemake.logging import DefaultFilter
 from snakemake.settings.enums import Quietness
 from snakemake_interface_logger_plugins.tests import MockOutputSettings, TestLogHandlerBase
 
-from palpate.checksums import DamagedFile
+from palpate.seal import DamagedFile
 from palpate.viewer import duration
 from snakemake_logger_plugin_palpate import INTERRUPTED, LogHandler, last_line
 from snakemake_logger_plugin_palpate.estimate import Estimate

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate import Dataset, checksums, shapes
-from palpate.catalogue import checksum, read_catalogue, require_unchanged
-from palpate.checksums import DamagedFile
+from palpate import Dataset, shapes
+from palpate.catalogue import checksum, read_catalogue, require_unchanged, write_catalogue
+from palpate.seal import DamagedFile
 from palpate.store import StoreError, read
 from tests.workflow.conftest import PROJECT, Workflow, run_snakemake, two_classes
 
@@ -51,9 +51,9 @@ def test_a_source_that_changes_after_its_table_was_made(make_workflow, tmp_path)
     assert workflow.planned(*targets) == {"catalogue_batch", "catalogue", "meshes"}
     # The table alone, made again: what the meshes were made from is known.
     assert workflow("catalogue/batch-0000.csv").returncode == 0
-    shutil.copy(workflow.run / "catalogue/batch-0000.csv", workflow.run / "catalogue.csv")
-    checksums.sidecar(workflow.run / "catalogue.csv").unlink()
-    with pytest.raises(StoreError, match="meshes/batch-0000 was made from other sources than the run has; remove it"):
+    write_catalogue(workflow.run / "catalogue.csv", read_catalogue(workflow.run / "catalogue/batch-0000.csv"))
+    message = "meshes/batch-0000 was made from other sources of batch-0000 than the run has; remove it"
+    with pytest.raises(StoreError, match=message):
         Dataset(workflow.run)[0].mesh  # noqa: B018
 
 
@@ -92,7 +92,7 @@ def test_another_seed_gives_another_dataset(finished, make_workflow, tmp_path):
         path = Path(store).stem + "/batch-0000" + Path(store).suffix
         assert not np.array_equal(read(first.run / path)[array], read(other.run / path)[array]), store
     # Nothing is drawn for meshes.
-    of_meshes = "meshes/batch-0000/manifest.json"
+    of_meshes = "meshes/batch-0000/seal.json"
     assert (first.run / of_meshes).read_bytes() == (other.run / of_meshes).read_bytes()
 
 

@@ -18,6 +18,7 @@ def report_files(jobs) -> set[str]:
 @pytest.mark.parametrize(
     ("stages", "files"),
     [
+        (["gel"], {"error_vs_runtime/gel", "stability/gel", "omitted/gel"}),
         (["touch"], {"error_vs_runtime/touch", "stability/rays", "omitted/touch"}),
         (
             ["renders", "decimation"],
@@ -38,7 +39,7 @@ def test_a_subset_of_stages(finished, stages, files):
 
 def test_all_stages_and_what_they_are_made_from(make_workflow):
     jobs = make_workflow(split=EVERY_SPLIT).jobs("reports")
-    assert len(report_files(jobs)) == 9 + 5 + 4
+    assert len(report_files(jobs)) == 11 + 7 + 5
     assert {"meshes", "surface", "grasps", "touch", "vision", "touch_depth"} <= {job.rule for job in jobs}
     of_touch = make_workflow(split=EVERY_SPLIT, reports={"stages": ["touch"]}).planned("reports")
     assert {"meshes", "surface", "grasps"} <= of_touch and not {"touch", "vision", "touch_depth"} & of_touch

@@ -30,7 +30,7 @@ def digests(run: Path) -> dict[str, str]:
         str(path.relative_to(run)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(run.rglob("*"))
         if path.is_file()
-        and not path.name.startswith(".snakemake")
+        and not path.name.startswith((".snakemake", ".config.yaml."))
         and path.relative_to(run).parts[0] not in (".snakemake", "logs", "benchmarks", LOCK, JOBS_LOCK, RECORD, *PAGE)
     }
 
@@ -186,7 +186,8 @@ def test_asking_to_validate_checks_each_time_and_says_what_it_found(finished):
         (finished.run / "aside").rename(values)
     assert result.returncode != 0
     assert re.search(r"\d+ checks, 3 objects: 1 failed", result.stderr)
-    assert "points/c/0/0/0 is missing; remove it and build it again with: snakemake surface/" in result.stderr
+    advice = r"points/c/0/0/0 is missing; remove \S+ and build it again with: snakemake surface/"
+    assert re.search(advice, result.stderr)
     assert re.search(r"\d+ checks, 3 objects: passed", finished("validate").stderr)
 
 
@@ -217,7 +218,7 @@ def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
     assert one_by_one.objects == together.objects == USABLE[1:]
     for store in STORES:
         for name, spec in palpate.store.CONTRACT[store].arrays.items():
-            if spec.of_objects and name != "object":
+            if spec.of_objects and name != "object" and not spec.asked:
                 np.testing.assert_array_equal(
                     one_by_one.array(store, name)[:],
                     together.array(store, name)[:],

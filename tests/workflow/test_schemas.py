@@ -158,7 +158,7 @@ def test_experiments_are_valid_and_tables_name_only_what_exists():
     named = {name for table in declared.tables.values() for name in table.by_name}
     weights = {experiment.trained for experiment in declared.experiments.values()}
     assert named | weights == set(declared.experiments)
-    ours = [each.method.whose != "paper" for each in declared.tables["model_selection"].experiments]
+    ours = [each.method.whose != "paper" for each in declared.tables["model_selection"].by_name.values()]
     assert ours == sorted(ours) and ours.count(False) == 12  # the paper's rows
 
 

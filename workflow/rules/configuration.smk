@@ -10,7 +10,7 @@ from snakemake.logging import logger
 
 from palpate import catalogue, sensor, stages
 from palpate.check import FILES, checked, resolve
-from palpate.configuration import ConfigError, check, parse_texts, read_yaml, typed, whole_numbers
+from palpate.configuration import ConfigError, check, in_order, parse_texts, read_yaml, typed, whole_numbers
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CLASS_FILE = rf"\w[{catalogue.LETTERS}.-]*"  # a class in a file's name: `catalogue.file_name`
@@ -29,11 +29,13 @@ try:
     options.add_argument("--configfile", "--configfiles", nargs="+", default=[])
     options.add_argument("--default-storage-provider")
     options = options.parse_known_args()[0]
-    for path in [PROJECT / "config/config.yaml", *options.configfile]:
+    DEFAULTS = read_yaml(PROJECT / "config/config.yaml")
+    for path in options.configfile:
         read_yaml(path)
     parse_texts(config, SCHEMAS / "config.schema.yaml")
     check(config, SCHEMAS / "config.schema.yaml", FILES)
-    config.update(whole_numbers(config))
+    # In one order, whichever file states a key: Snakemake compares params as text.
+    config.update(in_order(whole_numbers(config), DEFAULTS))
     config["training"]["override"] = typed(config["training"]["override"])
     settings = resolve(config, PROJECT)
     RUN_FOLDER, SOURCE, CLASS_COUNTS, ENTRIES, BATCH_SIZE, KNOWN_PLACES, HAND, SENSOR, EXPERIMENTS, RECIPE = settings

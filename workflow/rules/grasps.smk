@@ -1,3 +1,9 @@
+# What grasps take of `hold`: nothing, if they are placed on the surface and only have to touch.
+GRASPS_HOLD = {key: value for key, value in config["hold"].items() if key != "test"}
+if (config["grasps"]["placement"], config["grasps"]["keep"]) == ("surface", "touches"):
+    GRASPS_HOLD = {}
+
+
 # The hand closes on every object, in MuJoCo.
 rule grasps:
     input:
@@ -16,7 +22,9 @@ rule grasps:
         "../../envs/palpate.yaml"
     params:
         grasps=config["grasps"],
+        hold=GRASPS_HOLD,
         sensor=SENSOR.geometry,
+        pressed=config["touch"]["pressed"],
         seed=config["seed"],
     script:
         "../scripts/grasps.py"

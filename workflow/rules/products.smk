@@ -24,12 +24,12 @@ def is_available(source):
     if source == "effects":
         return bool(EFFECTS)
     if source == "retrieval":
-        return any(EXPERIMENTS.experiments[name].strategy == "retrieval" for name in experiments_of(source))
+        return not all(EXPERIMENTS.experiments[name].is_trained for name in experiments_of(source))
     if source == "claims":
         defined = set(published.published_experiments()) <= set(EXPERIMENTS.experiments)
         return defined and "extrapolation" in tables and tables["extrapolation"].split == "test"
     if source in tables:
-        return not (RELEASED and any(each.vision == "views" for each in tables[source].experiments))
+        return not (RELEASED and any(each.vision == "views" for each in tables[source].by_name.values()))
     return not source
 
 

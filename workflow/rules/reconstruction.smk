@@ -57,3 +57,26 @@ use rule reconstruction as tuning_point with:
         point=lambda wildcards: POINTS[wildcards.point],
         steps=config["tuning"]["steps"],
         seed=config["seed"],
+
+
+# The U-Net from a touch reading to depth, trained on the successful touches of the train split.
+use rule reconstruction as touch_depth with:
+    input:
+        catalogue=lambda wildcards: catalogue_with(("train", "validation"), "the model of touches"),
+        touch=expand("touch/{batch}.zarr", batch=BATCHES),
+    output:
+        model="models/touch_depth/best.ckpt",
+        history="models/touch_depth/history.csv",
+        summary="models/touch_depth/training.json",
+    log:
+        "logs/touch_depth.log",
+    benchmark:
+        "benchmarks/touch_depth.tsv"
+    resources:
+        mem_mb=lambda wildcards, input: 2000 + 8 * stored_mb(input),
+        runtime=720,
+        gpu=TRAINING_GPUS,
+    params:
+        experiment=None,
+        settings=RECIPE.touch_depth.row(),
+        seed=config["seed"],

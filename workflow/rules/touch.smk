@@ -15,6 +15,7 @@ rule touch:
         "../../envs/palpate.yaml"
     params:
         sensor=SENSOR.description(),
+        pressed=config["touch"]["pressed"],
         seed=config["seed"],
     script:
         "../scripts/touch.py"

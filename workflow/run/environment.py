@@ -13,7 +13,7 @@ def differences(requirements: Path | str) -> list[str]:
 
     Builds of one version (`2.13.0+cpu`) are the same. A package that is not installed says so when it is imported.
     """
-    found = []
+    others = []
     for line in Path(requirements).read_text().splitlines():
         if pin := PIN.match(line):
             try:
@@ -21,8 +21,8 @@ def differences(requirements: Path | str) -> list[str]:
             except PackageNotFoundError:
                 continue
             if installed.partition("+")[0] != pin[2].partition("+")[0]:
-                found.append(f"{pin[1]} {installed} (locked: {pin[2]})")
-    return found
+                others.append(f"{pin[1]} {installed} (locked: {pin[2]})")
+    return others
 
 
 def warning(requirements: Path | str) -> str:

@@ -53,12 +53,12 @@ def unknown_target(path: str, known: Iterable[str], notes: Sequence[str] = ()) -
 
 
 def end_at_signals() -> None:
-    """From now on SIGTERM ends this process as Ctrl-C does. Snakemake waits for jobs, of which none is started yet."""
+    """Let SIGTERM end this process as Ctrl-C does. Snakemake waits for jobs, of which none is started yet."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def catch_signals() -> None:
-    """From now on Ctrl-C and SIGTERM end the jobs, and then the run. Jobs ignore Ctrl-C themselves (`shell.prefix`)."""
+    """Let Ctrl-C and SIGTERM end the jobs, and then the run. Jobs ignore Ctrl-C themselves (`shell.prefix`)."""
 
     def interrupt(*_) -> None:
         if not LogHandler.current.interrupted:
@@ -67,8 +67,8 @@ def catch_signals() -> None:
             raise KeyboardInterrupt
 
     if LogHandler.current:
-        for each in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(each, interrupt)
+        for ending in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(ending, interrupt)
         if LogHandler.current.quiet:
             os.environ["TQDM_DISABLE"] = "1"  # the terminal is the run's: jobs write their logs only
 
@@ -83,7 +83,7 @@ def _end_children() -> None:
 
 
 def finish(folder: str, object_pages: int) -> None:
-    """At the end of a run: write its page, and say what it has come to. object_pages: how many are written with it."""
+    """Write the page of a run that ends, and say what it has come to. object_pages: how many are written with it."""
     from palpate.dataset import summary  # loads Zarr and HDF5
 
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -99,12 +99,12 @@ def finish(folder: str, object_pages: int) -> None:
     if Path(folder, "catalogue.csv").exists() or (handler and handler.failures):
         _write_page(folder, object_pages, handler)
     places = ("index.html", "tables", "figures", "rejected.csv", "reports")
-    found = [place for place in places if Path(folder, place).exists()]
+    existing = [place for place in places if Path(folder, place).exists()]
     try:
         lines = summary(folder)
     except Exception as error:  # a table that was changed, and what to do
         lines = [one_line_error(error)]
-    for line in [*lines, f"{folder}: {', '.join(found) or 'no table or report yet'}"]:
+    for line in [*lines, f"{folder}: {', '.join(existing) or 'no table or report yet'}"]:
         logger.warning(line)
     if handler and handler.estimate:  # with --quiet Snakemake does not say which jobs there are
         failed = f", {len(handler.failures)} failed" if handler.failures else ""

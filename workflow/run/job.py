@@ -18,7 +18,7 @@ gc.disable()
 
 
 def _keep_garbage() -> None:
-    """Not to search for garbage when the process ends. Blender ends itself when its module is freed as such."""
+    """Skip the search for garbage when the process ends. Blender ends itself when its module is freed as such."""
     if "bpy" not in sys.modules:
         gc.freeze()
 

@@ -70,7 +70,7 @@ def share(folder: Path | str) -> None:
 
 
 def _wait_for_jobs(folder: Path, warn: Callable[[str], None]) -> None:
-    """Returns when no job of an earlier run is left, which would write over what this run makes."""
+    """Wait until no job of an earlier run is left, which would write over what this run makes."""
     with open(folder / JOBS_LOCK, "a+") as file:
         waits = False
         while True:
@@ -95,5 +95,6 @@ def _has_ended(line: str) -> bool:
 
 
 def _text(file: IO[str]) -> str:
+    """All text of an open file."""
     file.seek(0)
     return file.read().strip()

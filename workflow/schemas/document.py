@@ -69,9 +69,9 @@ def renewed(document: str) -> str:
     text = (PROJECT / document).read_text(encoding="utf-8")
     for name, table in DOCUMENTS[document]().items():
         pattern = rf"(<!-- {name} -->\n).*?(\n<!-- end -->)"
-        text, found = re.subn(pattern, lambda match: match[1] + table + match[2], text, flags=re.S)  # noqa: B023
-        if found != 1:
-            raise ValueError(f"{document}: expected one table between <!-- {name} --> and <!-- end -->, found {found}")
+        text, tables = re.subn(pattern, lambda match: match[1] + table + match[2], text, flags=re.S)  # noqa: B023
+        if tables != 1:
+            raise ValueError(f"{document}: expected one table between <!-- {name} --> and <!-- end -->, found {tables}")
     return text
 
 

@@ -10,6 +10,6 @@ from palpate import catalogue
 
 log_to(snakemake.log[0])
 params = snakemake.params
-batches = {each.object: snakemake.wildcards.batch for each in params.objects}
+batches = {entry.object: snakemake.wildcards.batch for entry in params.objects}
 entries = catalogue.build(params.root, params.objects, batches, params.seed)
-catalogue.write_catalogue(snakemake.output.table, entries)
+catalogue.write_catalogue(snakemake.output.table, entries, {"inputs": catalogue.sources_of(entries)})

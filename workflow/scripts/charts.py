@@ -7,7 +7,7 @@ import logging
 import numpy as np
 import torch
 
-from palpate import checksums, provenance, store
+from palpate import seal, store
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.learning.checkpoints import load_touch_depth, require_sensor
 from palpate.learning.machine import Machine
@@ -21,8 +21,6 @@ device = Machine(snakemake.params.device).torch_device()
 stored, seed = store.open(snakemake.input.touch), snakemake.params.seed
 arrays = ("object", "success", "position", "rotation", "reading", "empty_reading")
 touch = {name: stored.get(name) for name in arrays}
-weights = checksums.size_and_sha256(snakemake.input.model)[1]
-made_with = {"touch_depth": {**snakemake.params.touch_depth, "weights": weights}}
 model = load_touch_depth(snakemake.input.model).to(device)
 sensor = Sensor.from_description(stored.attributes["sensor"])
 require_sensor(None, model.sensor, None, sensor, snakemake.input.model)
@@ -30,5 +28,8 @@ vertices = np.empty((*touch["success"].shape, TOUCH_VERTICES, 3), np.float32)
 for place, name in enumerate(names := touch["object"]):  # by themselves, so that charts do not depend on the batch
     log.info("charts %d/%d: %s", place + 1, len(names), name)
     vertices[place] = object_charts(model, touch, place)
-attributes = {"seed": seed, "made_from": provenance.combine(made_with, stored.made)}
+model_seal = seal.read(snakemake.input.model)
+made_with = {"touch_depth": snakemake.params.touch_depth}
+made_from = seal.combine(made_with, stored.seal, more={model_seal.label: model_seal.digest})
+attributes = {"seed": seed, "made_from": made_from}
 store.write(snakemake.output.charts, "charts", {"object": names, "vertices": vertices}, attributes)

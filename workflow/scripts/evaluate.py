@@ -25,7 +25,7 @@ from pathlib import Path
 import pandas as pd
 import torch
 
-from palpate import Dataset
+from palpate import Dataset, seal
 from palpate.atomic import atomic_write
 from palpate.experiments import Experiment
 from palpate.learning import evaluate
@@ -45,7 +45,7 @@ def measured() -> pd.DataFrame:
         steps = evaluate.training_steps(inputs.summary)
         return evaluate.evaluate_touch(model, steps, Dataset(run, ["touch", "charts"]), params.points, params.splits)
     frames, data, loaded = [], None, None
-    for experiment in [Experiment.from_row(*each) for each in params.experiments]:
+    for experiment in [Experiment.from_row(*row) for row in params.experiments]:
         splits = params.splits[experiment.name]
         if loaded != (needed := (arrays_of(experiment), splits)):
             data, loaded = ExperimentData.load(run, experiment, splits), needed
@@ -67,5 +67,6 @@ def measured_as(experiment: Experiment, data: ExperimentData, splits: list[str])
 
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
-with atomic_write(snakemake.output.table, checksum=True) as path:
+made_with = {} if params.points is None else {"evaluation.points": params.points}
+with atomic_write(snakemake.output.table, seal.made_of(inputs, made_with)) as path:
     measured().to_csv(path, index=False)

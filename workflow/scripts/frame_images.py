@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
-from palpate import provenance, scene, store  # isort: skip
+from palpate import scene, seal, store  # isort: skip
 from palpate.batch import each_object  # isort: skip
 from palpate.hand import Hand  # isort: skip
 from palpate.scene import GRASP_ARRAYS, Scene  # isort: skip
@@ -21,7 +21,7 @@ inputs, params = snakemake.input, snakemake.params
 meshes, settings, seed = Path(inputs.meshes), params.vision, params.seed
 frames = store.open(inputs.frames)
 made_with = {"seed": seed, "vision": settings, "frames": params.frames}
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), store.open(inputs.grasps).made, frames.made)
+made_from = seal.combine(made_with, seal.read(meshes), store.open(inputs.grasps).seal, frames.seal)
 hand = Hand.from_arrays(store.open(inputs.grasps), prefix="hand/")
 _, grasps, count = frames.header("time")[0]
 chosen = np.rint(np.linspace(count - 1, 0, params.frames["images"])).astype(int)[::-1]
@@ -31,8 +31,9 @@ renderer = Renderer(settings["samples"], settings["device"], snakemake.threads)
 def render(name: str) -> dict[str, np.ndarray]:
     row = frames["object"].tolist().index(name)
     at = {array: frames.get(array, row)[:, chosen] for array in GRASP_ARRAYS}
-    found = scene.draw(settings, seed, name)
-    look, cameras = {"lights": scene.lights(found), "background": scene.background(found)}, scene.cameras(found)
+    own_settings = scene.draw(settings, seed, name)
+    look = {"lights": scene.lights(own_settings), "background": scene.background(own_settings)}
+    cameras = scene.cameras(own_settings)
     flat = {array: values.reshape(-1, *values.shape[2:]) for array, values in at.items()}
     pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, flat, hand, **look), cameras)
     images = np.stack([[image.rgb for image in held] for _, held in pictures], axis=1)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import grasp, mesh, provenance, store, touch
+from palpate import grasp, mesh, seal, store, touch
 from palpate.batch import generator
 from palpate.hand import Hand
 from palpate.rebuild_command import rebuild_advice
@@ -22,19 +22,19 @@ inputs, params = snakemake.input, snakemake.params
 meshes, seed, description = Path(inputs.meshes), params.seed, params.sensor
 grasps, surface = store.read(inputs.grasps), store.open(inputs.surface)
 made_with = {"seed": seed, "frames": params.frames, "touch": {"sensor": description}}
-made = [provenance.of_meshes(meshes), surface.made, store.open(inputs.grasps).made]
-made_from = provenance.combine(made_with, *made)
+made_from = seal.combine(made_with, seal.read(meshes), surface.seal, store.open(inputs.grasps).seal)
 hand = Hand.from_arrays(grasps, prefix="hand/")
 image = inputs.background
 sensor = Sensor.from_description(description, read_background(image, description["resolution"]) if image else None)
 points = dict(zip(surface["object"], surface["points"], strict=True))
+grasper_type = grasp.grasper_type(params.grasps, params.hold)
 settings = {key: params.grasps[key] for key in ("timestep", "max_penetration", "thumb_share")}
 
 
 def record(row: int, name: str) -> dict:
     visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
     kept = {array: values[row] for array, values in grasps.items() if len(values) == len(grasps["object"])}
-    grasper = grasp.Grasper(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
+    grasper = grasper_type(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
     remedy = rebuild_advice(inputs.grasps)
     asked = {"count": params.frames["count"], "with_contacts": params.frames["contacts"], "remedy": remedy}
     frames = grasp.closing_frames(grasper, kept, generator(seed, name, "grasps"), **asked)

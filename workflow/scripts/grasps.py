@@ -9,7 +9,9 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
-from palpate import grasp, hand, mesh, provenance, store
+import numpy as np
+
+from palpate import grasp, hand, mesh, seal, store
 from palpate.batch import each_object, generator
 from palpate.sensor import DIGIT
 
@@ -22,18 +24,30 @@ sensor = replace(DIGIT, **snakemake.params.sensor)  # its lights and gel play no
 robot = hand.from_mjcf(*snakemake.input.hand, sensor.gel_face) if mjcf_files else hand.allegro(sensor.gel_face)
 grasp.check_hand(robot, settings["timestep"], settings["max_penetration"])
 surface = store.open(snakemake.input.surface)
-made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}}
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), surface.made)
+chosen = {key: settings.pop(key) for key in ("placement", "object", "grip", "keep")}
+hold = dict(snakemake.params.hold)  # empty if it plays no part
+made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor, **(chosen | hold if hold else {})}}
+grasper_type = grasp.grasper_type(chosen, hold)
+if snakemake.params.pressed:
+    made_with["touch"] = {"pressed": True}
+made_from = seal.combine(made_with, seal.read(meshes), surface.seal)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 
 
 def close_hand(name: str) -> dict:
     visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
     draw = generator(seed, name, "grasps")
-    found = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
-    omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
+    options = {**settings, "sensor": sensor, "grasper_type": grasper_type}
+    grasps_of_object = grasp.grasp_object(visual, collision, points[name], robot, draw, **options)
+    omitted = ", ".join(f"{count:,} {what}" for what, count in grasps_of_object.omitted.items())
     log.info("%s: omitted: %s", name, omitted)
-    return vars(found)
+    more = grasps_of_object.more
+    if chosen["keep"] == "hold":
+        tried, made, held = grasps_of_object.attempts, grasps_of_object.made, len(grasps_of_object.touches)
+        log.info("%s: %d attempts, %d grasps, of which %d hold", name, tried, made, held)
+        more["made"] = np.int32(made)
+    arrays = vars(grasps_of_object) | more
+    return {key: array for key, array in arrays.items() if snakemake.params.pressed or key != "pad_force"}
 
 
 grasps = each_object(points, close_hand, "grasps")

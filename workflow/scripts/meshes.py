@@ -3,8 +3,7 @@
 meshes/<batch>/<object>/visual.glb       full resolution, materials and textures; own frame, metres
                         collision.ply    what the hand collides with
                         mesh.json        faces, repairs made, scale: docs/meshes.md
-                made_from.json          what they were made from
-                manifest.json           sizes and checksums of all these files
+                seal.json                sizes and checksums of all these files, and what they were made from
 meshes/<batch>.facts.json                of each object what the summary of a run says, and its shape
 rejected/meshes/<batch>.csv              object, stage, reason
 """
@@ -15,7 +14,7 @@ import json
 import shutil
 from pathlib import Path
 
-from palpate import catalogue, checksums, mesh, provenance
+from palpate import catalogue, mesh, seal
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, write_rejections
 
@@ -24,11 +23,10 @@ settings, sources = snakemake.params.mesh, Path(snakemake.params.folder)
 entries = catalogue.read_catalogue(snakemake.input.catalogue)
 objects = {each.object: each._replace(checksum=catalogue.checksum(sources / each.source, sources)) for each in entries}
 
-with (
-    atomic_write(snakemake.output.meshes) as batch,
-    atomic_write(snakemake.output.rejected, checksum=True) as rejected,
-    atomic_write(snakemake.output.facts) as of_objects,
-):
+made_from = seal.combine({"mesh": settings}, more=catalogue.sources_of(objects.values()))
+outputs = snakemake.output
+
+with atomic_write(outputs.meshes) as batch:
     batch.mkdir()
 
     def prepare(name: str) -> dict:
@@ -52,9 +50,7 @@ with (
         return mesh.facts(record)
 
     facts, rejections = each_object(objects, prepare, "meshes")
-    write_rejections(rejected, rejections)
-    of_objects.write_text(json.dumps(facts) + "\n")
-    read = ((each.object, each.checksum, each.up, each.scale, each.turn) for each in objects.values())
-    made_from = provenance.combine({"mesh": settings}, sources=provenance.sources_digest(read))
-    (batch / provenance.RECORD).write_text(json.dumps(made_from, sort_keys=True) + "\n")
-    checksums.write_manifest(batch)
+    with atomic_write(outputs.rejected, made_from) as rejected, atomic_write(outputs.facts, made_from) as of_objects:
+        write_rejections(rejected, rejections)
+        of_objects.write_text(json.dumps(facts) + "\n")
+    seal.write(batch, seal.with_output(made_from, outputs.rejected))

@@ -8,14 +8,14 @@ from workflow.run.job import log_to
 from pathlib import Path
 
 import palpate
-from palpate import checksums
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.experiments import Experiment
 from palpate.results import products
+from palpate.text_files import read_record
 
 log_to(snakemake.log[0])
 product, _ = products.find("tables" if snakemake.rule == "table" else "figures", snakemake.wildcards[0])
-make = product.load()  # first of all: it may load Blender, which comes before what loads embree
 
 if product.kind == "tables" or {"evaluations", "rings", "selections", "touches"} & {*product.parameters}:
     from palpate.learning import rows  # loads pandas, which figures of the dataset don't need
@@ -39,16 +39,16 @@ READERS = {
     "touches": lambda: rows.read([inputs.touches], rows.TOUCH_COLUMNS),
     "models": lambda: {Path(path).parents[1].name: path for path in inputs.models},
     "touch_depth": lambda: inputs.touch_depth,
-    "trainings": lambda: [
-        checksums.read_record(path, "remove it and train this point again") for path in inputs.trainings
-    ],
+    "trainings": lambda: [read_record(path) for path in inputs.trainings],
     "experiments": lambda: {name: Experiment.from_row(name, row) for name, row in values["experiments"].items()},
     "threads": lambda: snakemake.threads,
 }
+CONFIG = {"resamples": "evaluation.resamples", "samples": "vision.samples"}  # which parameters are values of the config
 read = {name: READERS[name]() for name in product.parameters if name in READERS}
 arguments = {name: values[name] for name in product.parameters if name in values} | read
+made_from = seal.made_of(inputs, {CONFIG[name]: values[name] for name in CONFIG if name in arguments})
 if product.kind == "tables":
-    write_table(make(**arguments), snakemake.output.table)
+    write_table(product.function(**arguments), snakemake.output.table, made_from)
 else:
-    with atomic_write(snakemake.output.figure) as path:
-        make(path=path, **arguments)
+    with atomic_write(snakemake.output.figure, made_from) as path:
+        product.function(path=path, **arguments)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import provenance, store
+from palpate import seal, store
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, generator, write_rejections
 from palpate.released import arrays as released
@@ -23,7 +23,7 @@ from palpate.sensor import DIGIT
 log_to(snakemake.log[0])
 params = snakemake.params
 root, settings = Path(params.source), params.settings
-made_from = provenance.combine({"seed": params.seed, **settings})
+made_from = seal.combine({"seed": params.seed, **settings})
 
 
 def read(name: str) -> dict[str, dict[str, np.ndarray]]:
@@ -44,8 +44,9 @@ if agreement:
     logging.info("readings lie on %.1f %% of their depths' pixels (%.1f %% if turned over)", same, turned)
     if turned > same:
         logging.warning("rows and columns of the readings look exchanged: the depths fit better turned over")
-with atomic_write(snakemake.output.rejected, checksum=True) as rejected:
+with atomic_write(snakemake.output.rejected, made_from) as rejected:
     write_rejections(rejected, rejections)
+made_from = seal.with_output(made_from, snakemake.output.rejected)
 for stage in ("surface", "touch", "vision"):
     arrays = store.join(stage, {name: records[stage] for name, records in found.items()})
     store.write(

@@ -11,8 +11,9 @@ from studies.threads import one_thread
 
 one_thread()
 
+from palpate import seal  # noqa: E402
 from studies import report  # noqa: E402
 
 log_to(snakemake.log[0])
 table = report.measure(snakemake.wildcards.report, snakemake.wildcards.item, ".", **snakemake.params)
-report.write(table, snakemake.output.table)
+report.write(table, snakemake.output.table, seal.made_of(snakemake.input))

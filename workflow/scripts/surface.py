@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import mesh, provenance, store, surface
+from palpate import mesh, seal, store, surface
 from palpate.batch import each_object, generator
 
 log_to(snakemake.log[0])
@@ -24,5 +24,5 @@ def sample(name: str) -> dict[str, np.ndarray]:
 
 prepared = set(mesh.usable(meshes))
 usable = [name for name in snakemake.params.objects if name in prepared]
-made_from = provenance.combine({"seed": seed, "surface": settings}, provenance.of_meshes(meshes))
+made_from = seal.combine({"seed": seed, "surface": settings}, seal.read(meshes))
 store.write_batch(snakemake.output, "surface", each_object(usable, sample, "surface"), seed, made_from)

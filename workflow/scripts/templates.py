@@ -10,7 +10,7 @@ import logging
 import numpy as np
 import torch
 
-from palpate import provenance, store
+from palpate import seal, store
 from palpate.charts import fit_atlas
 
 log = logging.getLogger(__name__)
@@ -21,5 +21,5 @@ names, vertices = surface["object"], []
 for place, name in enumerate(names):
     log.info("templates %d/%d: %s", place + 1, len(names), name)
     vertices.append(fit_atlas(torch.from_numpy(surface.get("points", place))).numpy())
-attributes = {"seed": seed, "made_from": provenance.combine({}, surface.made)}
+attributes = {"seed": seed, "made_from": seal.combine({}, surface.seal)}
 store.write(snakemake.output.templates, "templates", {"object": names, "vertices": np.stack(vertices)}, attributes)

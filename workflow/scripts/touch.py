@@ -5,22 +5,25 @@ touch/<batch>.zarr, rejected/touch/<batch>.csv; arrays: palpate/store/contract.c
 
 from workflow.run.job import log_to
 
+import logging
 from pathlib import Path
 
 import numpy as np
 
-from palpate import provenance, store, touch
+from palpate import seal, store, touch
 from palpate.batch import each_object
 from palpate.hand import Hand
 from palpate.scene import GRASP_ARRAYS, Scene
 from palpate.sensor import Sensor, read_background
 
 log_to(snakemake.log[0])
+log = logging.getLogger("touch")
 meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
 description = snakemake.params.sensor
 grasps = store.read(snakemake.input.grasps)
-made_with = {"seed": seed, "touch": {"sensor": description}}
-made_from = provenance.combine(made_with, provenance.of_meshes(meshes), store.open(snakemake.input.grasps).made)
+pressed = snakemake.params.pressed
+made_with = {"seed": seed, "touch": {"sensor": description, **({"pressed": True} if pressed else {})}}
+made_from = seal.combine(made_with, seal.read(meshes), store.open(snakemake.input.grasps).seal)
 hand = Hand.from_arrays(grasps, prefix="hand/")
 image = snakemake.input.background
 background = read_background(image, description["resolution"]) if image else None
@@ -31,9 +34,21 @@ def sense(name: str) -> dict[str, np.ndarray]:
     row = grasps["object"].tolist().index(name)
     scene = Scene.from_grasps(meshes / name, {array: grasps[array][row] for array in GRASP_ARRAYS}, hand)
     sensed = touch.sense_scene(scene, touch.scene_tracer(scene, sensor))
-    return {"position": scene.sensor_position, "rotation": scene.sensor_rotation, **sensed._asdict()}
+    arrays = {"position": scene.sensor_position, "rotation": scene.sensor_rotation, **sensed._asdict()}
+    if pressed:
+        force = np.where(sensed.success, grasps["pad_force"][row], 0)
+        readings, thickness = touch.press_scene(scene, sensor, force), sensor.material["thickness"]
+        readings["reading"][~sensed.success] = 0
+        arrays |= {key: array for key, array in readings.items() if array is not None}
+        if (deepest := float((readings["approach"] / thickness).max())) > touch.LARGEST_STRAIN:
+            log.warning(
+                "%s: a gel is pressed in by %.2f of its thickness; linear theory holds up to about %g",
+                *(name, deepest, touch.LARGEST_STRAIN),
+            )
+    return arrays
 
 
 readings = each_object(grasps["object"], sense, "touch")
-more, attributes = {"empty_reading": touch.empty_reading(sensor)}, {"sensor": description}
+empty = touch.shade_pressed(np.zeros(sensor.resolution), sensor) if pressed else touch.empty_reading(sensor)
+more, attributes = {"empty_reading": empty}, {"sensor": description}
 store.write_batch(snakemake.output, "touch", readings, seed, made_from, more, attributes)

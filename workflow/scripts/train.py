@@ -12,7 +12,7 @@ from workflow.run.job import log_to
 
 from pathlib import Path
 
-from palpate import Dataset
+from palpate import Dataset, seal
 from palpate.experiments import Experiment
 from palpate.learning import tuning
 from palpate.learning.data import ExperimentData
@@ -20,7 +20,7 @@ from palpate.learning.learners import ReconstructionLearner, TouchDepthLearner
 from palpate.learning.loop import train
 from palpate.learning.machine import Machine
 from palpate.learning.recipes import ReconstructionSettings, TouchDepthSettings
-from palpate.learning.touch_readings import read_touches
+from palpate.learning.touch_charts import read_touches
 
 log_to(snakemake.log[0])
 params, folder = snakemake.params, Path(snakemake.output.model).parent
@@ -42,4 +42,5 @@ train(
     Path("checkpoints", *folder.parts[folder.parts[0] == "models" :]),
     Machine(**params.machine, threads=snakemake.threads),
     str(folder),
+    seal.made_of(snakemake.input),
 )

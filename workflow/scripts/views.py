@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
-from palpate import mesh, provenance, store  # isort: skip
+from palpate import mesh, seal, store  # isort: skip
 from palpate.batch import each_object, generator  # isort: skip
 from palpate.scene import Scene  # isort: skip
 from palpate.vision import views  # isort: skip
@@ -29,5 +29,5 @@ def look(name: str) -> dict[str, np.ndarray]:
 
 prepared = set(mesh.usable(meshes))
 usable = [name for name in params.objects if name in prepared]
-made_from = provenance.combine({"seed": params.seed, "views": params.views}, provenance.of_meshes(meshes))
+made_from = seal.combine({"seed": params.seed, "views": params.views}, seal.read(meshes))
 store.write_batch(snakemake.output, "views", each_object(usable, look, "views"), params.seed, made_from)

@@ -3,18 +3,23 @@
 Not by pycollada: it leaves out holes of polygons, parts whose material is missing, and what skins and morphs deform.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from lxml import etree
+from trimesh import Trimesh
 from trimesh.transformations import rotation_matrix
+from trimesh.visual.material import PBRMaterial
 
-from palpate.mesh.files import GREY as NEUTRAL
-from palpate.mesh.files import Files
+from palpate.mesh.files import DRAWN_GREY, Files
 from palpate.mesh.formats.corners import distinct, usable_normals
 from palpate.mesh.part import GREY, Loaded, make_part, plain
 from palpate.mesh.polygons import strip_triangles, triangulate, with_holes
 
+Element = Any  # of lxml, which states no types
+Look = tuple[PBRMaterial | None, str | None]  # a material, and a set or a name of texture coordinates
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 # What a parameter of an effect stands for.
 PARAMETER = "string(sampler2D/source | sampler2D/instance_image/@url | surface/init_from | float4 | float3)"
@@ -31,7 +36,7 @@ def read(path: Path, files: Files) -> Loaded:
     return Loaded(_Document(root, files).parts(), float(unit))
 
 
-def _numbers(text, dtype=float):
+def _numbers(text: str | None, dtype: type = float) -> np.ndarray:
     """Numbers (n,) of a text; decimal commas, as of some exporters in some countries, are read as points."""
     text = text or ""
     try:
@@ -43,19 +48,23 @@ def _numbers(text, dtype=float):
 class _Document:
     """What a file's elements name, by their ids."""
 
-    def __init__(self, root, files):
-        self.root, self.files, self.materials, self.rows = root, files, {}, {}
+    def __init__(self, root: Element, files: Files):
+        self.root, self.files = root, files
         self.ids = {element.get("id"): element for element in root.iter() if element.get("id")}
-        self.frames, self.shown = {}, []  # of each node; instances of geometries and controllers, with theirs
+        self.materials: dict[Element, tuple[PBRMaterial, str | None]] = {}  # with the name of their texture coordinates
+        self.rows: dict[Element, np.ndarray] = {}  # of each source that was read
+        self.frames: dict[Element, np.ndarray] = {}  # of each node
+        self.shown: list[tuple[Element, np.ndarray]] = []  # instances of geometries and controllers, with their frames
 
-    def target(self, name, *tags):
+    def target(self, name: str | None, *tags: str) -> Element:
         """The element that a URL names. Raises ValueError if there is none in this file."""
         element = self.ids.get((name or "").removeprefix("#"))
         if element is None or element.tag not in tags:
             raise ValueError(f"there is no {tags[0]} {name!r} in it (of other files nothing is read)")
         return element
 
-    def parts(self):
+    def parts(self) -> list[Trimesh]:
+        """The parts that the file's scene shows. Raises ValueError if it shows none."""
         shown = self.root.xpath("scene/instance_visual_scene/@url")
         for scene in [self.target(url, "visual_scene") for url in shown] or self.root.iter("visual_scene"):
             self._place(scene, np.eye(4), ())
@@ -63,7 +72,7 @@ class _Document:
             raise ValueError("it has no visual scene that shows a geometry")
         return [part for instance, frame in self.shown for part in self._parts(instance, frame)]
 
-    def _place(self, node, frame, within):
+    def _place(self, node: Element, frame: np.ndarray, within: tuple[Element, ...]) -> None:
         """Note the frames of a node and of those below, and what they show."""
         if node in within:
             raise ValueError(f"node {node.get('id')!r} is within itself")
@@ -77,7 +86,7 @@ class _Document:
             elif child.tag in ("instance_geometry", "instance_controller"):
                 self.shown.append((child, frame))
 
-    def _parts(self, instance, frame):
+    def _parts(self, instance: Element, frame: np.ndarray) -> Iterator[Trimesh]:
         """The parts that an instance of a geometry, or of a skin or a morph of one, shows."""
         geometry, positions, frame = self._shape(instance, instance.get("url"), frame)
         if positions is None:
@@ -87,9 +96,9 @@ class _Document:
         for primitive in geometry.iterfind("mesh/*[input]"):
             if primitive.tag in SURFACES:
                 look = self._material(primitive.get("material"), bound.get(primitive.get("material")))
-                yield self._part(primitive, positions, frame, *look, geometry.get("id") or "geometry")
+                yield self._part(primitive, positions, frame, look, geometry.get("id") or "geometry")
 
-    def _values(self, named):
+    def _values(self, named: Element) -> Any:
         """Rows of the numbers, or the names, of a source that an <input> names, of its columns that have a name."""
         source = self.target(named.get("source"), "source")
         if source not in self.rows:
@@ -105,8 +114,9 @@ class _Document:
             self.rows[source] = rows[:, columns] if len(columns) > 1 else rows
         return self.rows[source]
 
-    def _part(self, primitive, positions, frame, material, texcoord_set, name):
+    def _part(self, primitive: Element, positions: np.ndarray, frame: np.ndarray, look: Look, name: str) -> Trimesh:
         """The triangles of one primitive, with its material."""
+        material, texcoord_set = look
         inputs = {}  # offset of its indices and <input>, by semantic
         for entry in primitive.iterfind("input"):
             of_vertex = entry.get("semantic") == "VERTEX"
@@ -137,7 +147,7 @@ class _Document:
             colours=colours if material is None else None,
         )
 
-    def _shape(self, instance, url, frame):
+    def _shape(self, instance: Element, url: str, frame: np.ndarray) -> tuple[Element, Any, np.ndarray]:
         """Geometry, positions (n, 3; None if it is no mesh) and frame of what an instance shows, deformed or not."""
         shape = self.target(url, "geometry", "controller")
         if shape.tag == "geometry":
@@ -155,7 +165,7 @@ class _Document:
             positions = base + np.tensordot(weights, shapes, 1)
         return geometry, positions, frame
 
-    def _skinned(self, skin, instance, positions):
+    def _skinned(self, skin: Element, instance: Element, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (n, 3) and their frame, as a skin's joints stand in the scene."""
         bind = _numbers(skin.findtext("bind_shape_matrix") or IDENTITY).reshape(4, 4)
         inputs = _inputs(skin.find("joints"))
@@ -181,7 +191,7 @@ class _Document:
         moved = np.einsum("nij,nj->ni", blend, np.c_[positions, np.ones(len(positions))])
         return moved[:, :3] / moved[:, 3:], np.eye(4)
 
-    def _material(self, symbol, bound):
+    def _material(self, symbol: str | None, bound: Element | None) -> Look:
         """The material of a symbol of a geometry, None without one, and the set of texture coordinates it names."""
         name = symbol if bound is None else bound.get("target")
         if name is None:
@@ -191,7 +201,7 @@ class _Document:
             effect = self.target(material.find("instance_effect").get("url"), "effect")
         except ValueError:
             name = name.removeprefix("#")
-            self.files.note(name, f"there is no such material: {NEUTRAL}")
+            self.files.note(name, f"there is no such material: {DRAWN_GREY}")
             return plain(GREY, name), None
         if material not in self.materials:
             self.materials[material] = self._appearance(effect, material.get("name") or material.get("id"))
@@ -199,7 +209,7 @@ class _Document:
         sets = bound.iterfind("bind_vertex_input") if bound is not None else ()
         return made, next((one.get("input_set", "0") for one in sets if one.get("semantic") == texcoord), None)
 
-    def _appearance(self, effect, name):
+    def _appearance(self, effect: Element, name: str) -> tuple[PBRMaterial, str | None]:
         """The material of an effect, and its name of the texture's coordinates."""
         params = {one.get("sid"): one.xpath(PARAMETER).strip().removeprefix("#") for one in effect.iter("newparam")}
         shader = next(iter(effect.xpath("profile_COMMON/technique/*[diffuse or emission]")), effect)
@@ -226,7 +236,7 @@ class _Document:
         return made, texcoord
 
 
-def _transform(element):
+def _transform(element: Element) -> np.ndarray:
     """The matrix (4, 4) of one of a node's transforms; 1 of any other element. Raises ValueError for rare ones."""
     matrix, numbers = np.eye(4), _numbers(element.text)
     match element.tag:
@@ -243,19 +253,21 @@ def _transform(element):
     return matrix
 
 
-def _inputs(element):
+def _inputs(element: Element) -> dict[str, Element]:
+    """The <input> elements of an element by their semantics."""
     return {entry.get("semantic"): entry for entry in element.iterfind("input")}
 
 
-def _corners(primitive, positions, place):
+def _corners(primitive: Element, positions: np.ndarray, place: int) -> np.ndarray:
     """Indices (3 t, k) of the corners of a primitive's triangles; positions (n, 3) are those in the column `place`."""
     width = 1 + max(map(int, primitive.xpath("input/@offset")), default=0)
     lists = [_numbers(one.text, int).reshape(-1, width) for one in primitive.iterfind("p")]
-    rows, counts = np.concatenate([np.zeros((0, width), np.int64), *lists]), [len(corners) for corners in lists]
+    rows = np.concatenate([np.zeros((0, width), np.int64), *lists])
+    counts = np.array([len(corners) for corners in lists], np.int64)
     if primitive.tag in ("tristrips", "trifans"):
         return rows[strip_triangles(rows[:, place], counts, primitive.tag == "trifans")[0].ravel()]
     if primitive.tag == "triangles":
-        counts = [3] * (len(rows) // 3)
+        counts = np.full(len(rows) // 3, 3)
     elif primitive.tag == "polylist":
         counts = _numbers(primitive.findtext("vcount"), int)
     if sum(counts) > len(rows):

@@ -19,12 +19,14 @@ from urllib.parse import unquote_to_bytes
 
 import numpy as np
 import trimesh
+from numpy.typing import ArrayLike
 from PIL.Image import Image, fromarray
 from scipy.spatial.transform import Rotation
 from trimesh.visual.gloss import specular_to_pbr
 from trimesh.visual.material import PBRMaterial
 
-from palpate.mesh import files, part
+from palpate.mesh.files import DRAWN_GREY, Files
+from palpate.mesh.part import GREY, Loaded, make_part, plain
 from palpate.mesh.polygons import strip_triangles
 from palpate.named_files import gltf_tree
 
@@ -53,19 +55,24 @@ class Place(NamedTuple):
     """How a texture lies on a part: the number of its coordinates, their offset, rotation and scale; how it wraps."""
 
     number: int = 0
-    transform: tuple = ((0, 0), 0, (1, 1))
+    transform: tuple[tuple[float, float], float, tuple[float, float]] = ((0, 0), 0, (1, 1))
     wrap: tuple[str, str] | None = None
 
 
-def read(path: Path, named: files.Files) -> part.Loaded:
-    """Raises ValueError if the file needs what is not read, and that, LookupError, TypeError or AttributeError if it is
-    damaged."""
-    return part.Loaded(_Document(path, named).parts())
+def read(path: Path, files: Files) -> Loaded:
+    """One part for each primitive of a node, or of an instance of it.
+
+    Raises ValueError if the file needs what is not read, and that, LookupError, TypeError or AttributeError if it is
+    damaged.
+    """
+    return Loaded(_Document(path, files).parts())
 
 
 class _Document:
-    def __init__(self, path: Path, named: files.Files):
-        self.files, data = named, path.read_bytes()
+    """The content of a file, by the numbers that its JSON has."""
+
+    def __init__(self, path: Path, files: Files):
+        self.files, data = files, path.read_bytes()
         self.tree, start = gltf_tree(path)
         version = self.tree.get("asset", {}).get("version", "of no version")
         if str(version).split(".")[0] != "2":
@@ -91,6 +98,7 @@ class _Document:
         return data
 
     def _uri(self, uri: str) -> bytes:
+        """The content that a URI names or holds."""
         if uri[:5].lower() != "data:":
             return self.files.read(uri)
         head, _, body = uri.partition(",")
@@ -183,10 +191,8 @@ class _Document:
             raise _not_read(f"mesh {name}", DRACO)
         weights = node.get("weights", mesh.get("weights", []))
 
-        def values(key: str) -> np.ndarray | None:
+        def values(key: str) -> np.ndarray:
             """An attribute with its morph targets added."""
-            if key not in attributes:
-                return None
             total = self.floats(attributes[key], key == "COLOR_0")
             for weight, target in zip(weights, primitive.get("targets", []), strict=False):
                 if weight and key in target:
@@ -195,7 +201,8 @@ class _Document:
                 raise ValueError(f"mesh {name} has {len(total):,} elements of {key}, and not one a position")
             return total
 
-        vertices, normals, colours = values("POSITION").astype(float), values("NORMAL"), values("COLOR_0")
+        vertices = values("POSITION").astype(float)
+        normals = values("NORMAL") if "NORMAL" in attributes else None
         order = self.accessor(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
         if mode != TRIANGLES:
             order = order[strip_triangles(order, [len(order)], mode == FAN)[0]]
@@ -203,12 +210,16 @@ class _Document:
             raise ValueError(f"mesh {name} has {len(order):,} corners of triangles, not a multiple of 3")
         faces = order.reshape(-1, 3)
         material, where = self.material(primitive.get("material"), frozenset(attributes))
-        uv = None if where is None else values(f"TEXCOORD_{where.number}")
-        if colours is not None:
+        uv = wrap = colours = None
+        if where is not None:
+            wrap = where.wrap
+            if (key := f"TEXCOORD_{where.number}") in attributes:
+                uv = _moved(values(key), *where.transform)
+        if "COLOR_0" in attributes:
+            colours = values("COLOR_0")
             colours = np.round(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8)
             if colours.shape[1] == 3 or material is None or material.alphaMode in (None, "OPAQUE"):
                 colours = np.column_stack([colours[:, :3], np.full(len(colours), 255, np.uint8)])
-        uv = None if uv is None else _moved(uv, *where.transform)
         placed = []
         for matrix in self._placements(node, number, attributes):
             linear, turned = matrix[..., :3, :3], None
@@ -217,8 +228,7 @@ class _Document:
                 if normals is not None:
                     turned = np.einsum("...ji,...j->...i", np.linalg.pinv(linear), normals)
             sides = faces[:, ::-1] if np.median(np.linalg.det(linear)) < 0 else faces  # of what is mirrored
-            given = {"normals": turned, "uv": uv, "colours": colours, "wrap": where and where.wrap}
-            placed.append(part.make_part(name, points, sides, material, **given))
+            placed.append(make_part(name, points, sides, material, normals=turned, uv=uv, colours=colours, wrap=wrap))
         return placed
 
     def _placements(self, node: Tree, number: int, attributes: Tree) -> list[np.ndarray]:
@@ -256,14 +266,14 @@ class _Document:
         where = next((self._where(info) for info in infos.values()), Place())
         label, pictures = name or f"material {number}", {}
         for key, info in reversed(infos.items()):  # the colour last: what follows from its loss is said of a picture
-            follows = files.GREY if key == base else "left out"
+            follows = DRAWN_GREY if key == base else "left out"
             if self._where(info)[:2] != where[:2] or f"TEXCOORD_{where.number}" not in attributes:
                 self.files.note(f"{label}, {key}", f"it has coordinates of its own, or none: {follows}")
             elif (picture := self.picture(info["index"], follows)) is not None:
                 pictures[key] = picture
         lost = infos.keys() - pictures.keys()
         if base in lost:
-            return part.plain(part.GREY, name), None
+            return plain(GREY, name), None
         factors = {key: value for key, value in factors.items() if key.endswith("Factor")}
         if base == "diffuseTexture":
             factors = _from_glossy(factors | ({"specularFactor": [0.04] * 3} if shine in lost else {}), pictures)
@@ -287,12 +297,12 @@ class _Document:
         return PBRMaterial(name=name, **made), where
 
     def _where(self, info: Tree) -> Place:
+        """How a texture lies, by a material's reference to it."""
         moved, texture = _extension(info, "KHR_texture_transform"), self.tree["textures"][info["index"]]
         sampler = self.tree["samplers"][texture["sampler"]] if "sampler" in texture else {}
-        wrap = WRAPS.get(sampler.get("wrapS"), "repeat"), WRAPS.get(sampler.get("wrapT"), "repeat")
+        wrap = WRAPS.get(sampler.get("wrapS", 0), "repeat"), WRAPS.get(sampler.get("wrapT", 0), "repeat")
         transform = tuple(moved.get("offset", (0, 0))), moved.get("rotation", 0), tuple(moved.get("scale", (1, 1)))
-        number = moved.get("texCoord", info.get("texCoord", 0))
-        return Place(number, transform, None if wrap == ("repeat", "repeat") else wrap)
+        return Place((info | moved).get("texCoord", 0), transform, None if wrap == ("repeat", "repeat") else wrap)
 
     def _picture(self, number: int, follows: str) -> Image | None:
         """A texture's picture; None, and a note of what follows, if it can't be used."""
@@ -311,11 +321,13 @@ class _Document:
 
 
 def _not_read(what: str, extension: str) -> ValueError:
+    """The error about a part of the file that needs an extension."""
     remedy = next((remedy for word, remedy in REMEDIES.items() if word in extension), "export it without")
     return ValueError(f"{what} needs the extension {extension}, which is not read: {remedy}")
 
 
 def _extension(given: Tree, name: str) -> Tree:
+    """What an extension adds to a part of the JSON; empty if it is not used there."""
     return given.get("extensions", {}).get(name, {})
 
 
@@ -326,15 +338,18 @@ def _local(node: Tree) -> np.ndarray:
     return _matrices(**{key: [node[key]] for key in MOVES if key in node})[0]
 
 
-def _matrices(translation=((0, 0, 0),), rotation=((0, 0, 0, 1),), scale=((1, 1, 1),)) -> np.ndarray:
+def _matrices(
+    translation: ArrayLike = ((0, 0, 0),), rotation: ArrayLike = ((0, 0, 0, 1),), scale: ArrayLike = ((1, 1, 1),)
+) -> np.ndarray:
     """Matrices (n, 4, 4) of translations (n, 3), rotations (n, 4; w is last) and scales (n, 3)."""
-    matrices = np.tile(np.eye(4), (max(len(translation), len(rotation), len(scale)), 1, 1))
+    count = max(map(len, map(np.asarray, (translation, rotation, scale))))
+    matrices = np.tile(np.eye(4), (count, 1, 1))
     matrices[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * np.asarray(scale)[:, None]
     matrices[:, :3, 3] = translation
     return matrices
 
 
-def _moved(uv: np.ndarray, offset: tuple, rotation: float, scale: tuple) -> np.ndarray:
+def _moved(uv: np.ndarray, offset: ArrayLike, rotation: float, scale: ArrayLike) -> np.ndarray:
     """Texture coordinates (n, 2), v upwards, after KHR_texture_transform; rotation: anticlockwise, as seen."""
     cos, sin = np.cos(rotation), np.sin(rotation)
     uv = (uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]]) + np.array(offset)).astype(uv.dtype)
@@ -351,7 +366,7 @@ def _from_glossy(factors: Tree, pictures: dict[str, Image]) -> Tree:
     glossy = {key: picture.convert("RGBA").resize((width, height)) for key, picture in glossy.items()}
     areas = [(0, top, width, min(top + STRIP_ROWS, height)) for top in range(0, height, STRIP_ROWS)]
     strips = [
-        specular_to_pbr(**factors, **{key: picture.crop(area) for key, picture in glossy.items()}) for area in areas
+        specular_to_pbr(**(factors | {key: picture.crop(area) for key, picture in glossy.items()})) for area in areas
     ]
     return {
         key: fromarray(np.concatenate([strip[key] for strip in strips])) if isinstance(value, Image) else value

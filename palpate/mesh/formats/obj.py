@@ -15,8 +15,7 @@ from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import unmerge_faces
 
 from palpate import named_files
-from palpate.mesh.files import GREY as IN_GREY
-from palpate.mesh.files import Files
+from palpate.mesh.files import DRAWN_GREY, Files
 from palpate.mesh.part import GREY, PLAIN, Loaded, linear, make_part, plain
 from palpate.mesh.polygons import triangulate
 from palpate.named_files import text, without_comment
@@ -30,6 +29,9 @@ IGNORED = re.compile(
     "g|o|s|p|l|vp|mg|lod|curv2?|cstype|deg|bmat|step|parm|trim|hole|scrv|sp|end|con|cdc|cdp|res|bevel|[cd]_interp"
     "|[cs]tech|usemap|maplib|shadow_obj|trace_obj"
 )
+
+# Of materials by name: the place of the library, and the statements by their first words.
+Definitions = dict[str, tuple[str, dict[str, str]]]
 
 
 def read(path: Path, files: Files) -> Loaded:
@@ -62,7 +64,7 @@ def read(path: Path, files: Files) -> Loaded:
         elif name and libraries and colours is None:
             material = plain(GREY, name)
             if not files.problems.keys() & set(libraries):
-                files.note(name, f"no material library has it: {IN_GREY}")
+                files.note(name, f"no material library has it: {DRAWN_GREY}")
         parts.append(
             make_part(
                 name or path.name,
@@ -78,7 +80,9 @@ def read(path: Path, files: Files) -> Loaded:
     return Loaded(parts)
 
 
-def _statements(lines: list[bytes], files: Files):
+def _statements(
+    lines: list[bytes], files: Files
+) -> tuple[list[np.ndarray], list[bytes], np.ndarray, list[str], list[str]]:
     """What the lines of an OBJ say. Raises ValueError with the first line that can't be read.
 
     Returns tables of positions, texture coordinates and normals (n, 7), NaN where a line has fewer numbers; the texts
@@ -86,7 +90,8 @@ def _statements(lines: list[bytes], files: Files):
     names of materials; what each `mtllib` says.
     """
     tables = {keyword: (array("d"), array("B")) for keyword in COUNTS}  # their numbers, and how many a line has
-    corners, faces = [], []
+    corners: list[bytes] = []
+    faces: list[int] = []
     materials, libraries, material = {"": 0}, [], 0
     for number, line in enumerate(lines):
         words = (line.partition(b"#")[0] if b"#" in line else line).split()
@@ -124,6 +129,7 @@ def _statements(lines: list[bytes], files: Files):
 
 
 def _error(number: int, line: bytes, problem: object) -> ValueError:
+    """The error about a line, by its number from 0."""
     return ValueError(f"line {number + 1}, {' '.join(text(line).split())[:80]!r}: {problem}")
 
 
@@ -141,7 +147,9 @@ def _counted_from_start(word: bytes, tables: dict[bytes, tuple[array, array]]) -
     return b"/".join(b"%d" % max(0, int(k) + size + 1) if k.startswith(b"-") else k for k, size in numbers)
 
 
-def _corners(words: list[bytes], faces, sizes, lines, files: Files) -> tuple[np.ndarray, np.ndarray]:
+def _corners(
+    words: list[bytes], faces: np.ndarray, sizes: tuple[int, int, int], lines: list[bytes], files: Files
+) -> tuple[np.ndarray, np.ndarray]:
     """The corners that differ (c, 3): vertex, texture coordinate and normal from 0, or `NONE`; and which of them each
     corner of the faces is. Raises ValueError, with the line, where one refers to what is not there; if the file has
     none of its kind, that is left out.
@@ -181,9 +189,10 @@ def _vertices(table: np.ndarray, files: Files) -> tuple[np.ndarray, np.ndarray |
         raise ValueError(f"vertex {np.argmin(weight != 0) + 1}: its fourth number, a weight, is 0")
     if (weight != 1).any():
         files.note("vertices", "their fourth number, a weight, is not 1: their positions are divided by it")
-    colours = np.where(weighted[:, None], np.nan, table[:, 3:6])
-    colours = None if np.isnan(colours).all() else colours / (255 if np.nanmax(colours) >= 2 else 1)
-    return table[:, :3] / weight, colours
+    vertices, colours = table[:, :3] / weight, np.where(weighted[:, None], np.nan, table[:, 3:6])
+    if np.isnan(colours).all():
+        return vertices, None
+    return vertices, colours / (255 if np.nanmax(colours) >= 2 else 1)
 
 
 def _light(colours: np.ndarray) -> np.ndarray | None:
@@ -194,17 +203,18 @@ def _light(colours: np.ndarray) -> np.ndarray | None:
     return None if missing.all() else light
 
 
-def _definitions(path: Path, libraries: list[str], files: Files, coloured: bool) -> dict[str, tuple[str, dict]]:
+def _definitions(path: Path, libraries: list[str], files: Files, coloured: bool) -> Definitions:
     """Where the library of each material is, by its name, and its statements. The first definition counts."""
-    definitions: dict[str, tuple[str, dict[str, str]]] = {}
+    definitions: Definitions = {}
     for library in libraries:
         try:
             statements = named_files.mtl_statements(files.read(library))
         except FileNotFoundError as error:
-            then = "drawn in the colours of its vertices" if coloured else IN_GREY
+            then = "drawn in the colours of its vertices" if coloured else DRAWN_GREY
             files.note(library, f"{str(error).removeprefix(f'{library}: ')}: {then}")
             continue
-        material, place = {}, named_files.find(path, library, files.root)
+        material: dict[str, str] = {}
+        place = named_files.find(path, library, files.root) or library
         for word, rest in statements:
             if word == "newmtl":
                 material = {}
@@ -213,12 +223,14 @@ def _definitions(path: Path, libraries: list[str], files: Files, coloured: bool)
     return {without_comment(name): definition for name, definition in definitions.items()} | definitions
 
 
-def _material(name: str, library: str, statements: dict[str, str], uv: np.ndarray | None, path: Path, files: Files):
+def _material(
+    name: str, library: str, statements: dict[str, str], uv: np.ndarray | None, path: Path, files: Files
+) -> tuple[PBRMaterial, np.ndarray | None, tuple[str, str] | None]:
     """The material of an MTL; texture coordinates (n, 2), as Blender's Mapping node has them; how a texture wraps."""
 
     def numbers(key: str, default: float) -> np.ndarray:
         try:
-            values = np.array(without_comment(statements.get(key, "")).split() or [default], dtype=float)
+            values = np.array(without_comment(statements.get(key, "")).split() or default, dtype=float, ndmin=1)
             if np.isfinite(values).all():
                 return np.clip(values, 0, 1000 if key == "ns" else 1)
         except ValueError:

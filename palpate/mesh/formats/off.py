@@ -5,6 +5,7 @@ A face's colour may be three or four numbers. They are shares of 1 if one has a 
 """
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +16,14 @@ from palpate.mesh.part import PLAIN, Loaded, linear, make_part
 from palpate.mesh.polygons import triangulate
 
 # `OFF` and the counts may stand in one word, as in ModelNet, and `OFF` may be missing.
-KEYWORD = re.compile(r"(?:(ST)?(C)?(N)?OFF(?=[\s\d]|$))?")
+KEYWORD = re.compile(r"^(?:(ST)?(C)?(N)?OFF(?=[\s\d]|$))?")
 
 
 def read(path: Path, files: Files) -> Loaded:
     """One part. Raises ValueError if it is binary, of another dimension, or has fewer elements than it says."""
     text = re.sub(r"#[^\n]*", "", path.read_bytes().decode(errors="replace").replace("\r", "\n")).lstrip("\ufeff \t\n")
-    keyword = KEYWORD.match(text)
-    textured, coloured, normal = keyword.groups()
-    lines = [words for line in text[keyword.end() :].split("\n") if (words := line.split())]
+    _, textured, coloured, normal, body = KEYWORD.split(text, maxsplit=1)
+    lines = [words for line in body.split("\n") if (words := line.split())]
     if not lines or not lines[0][0].isdigit():
         raise ValueError("binary OFF, and OFF of other than three dimensions, are not read: write it as text or as PLY")
     count, faces = int(lines[0][0]), int(lines[0][1])
@@ -43,13 +43,14 @@ def read(path: Path, files: Files) -> Loaded:
     if coloured:
         colours = _colours([row[start : -2 if textured else None] for row in rows])
     elif any(of_faces):
-        vertices, normals = (None if values is None else values[triangles.ravel()] for values in (vertices, normals))
+        vertices = vertices[triangles.ravel()]
+        normals = None if normals is None else normals[triangles.ravel()]
         triangles = np.arange(triangles.size).reshape(-1, 3)
         colours = np.repeat(_colours(of_faces)[owner], 3, axis=0)
     return Loaded([make_part("off", vertices, triangles, normals=normals, colours=colours)])
 
 
-def _colours(rows):
+def _colours(rows: Sequence[Sequence[str]]) -> np.ndarray:
     """Linear light (n, 4) uint8 of rows of no, three or four numbers; those without have `PLAIN`."""
     has = np.array([len(row) >= 3 for row in rows])
     values = np.array([row[:3] for row in rows if len(row) >= 3], dtype=float).reshape(-1, 3)

@@ -2,7 +2,9 @@
 
 import re
 import struct
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +21,8 @@ TYPES = dict(zip(NAMES.split(), 2 * "bBhHiIfd", strict=True))
 CHANNELS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 
+Properties = dict[str, Any]  # of an element: values (n,) by name, of a list (values of all rows, lengths (n,))
+
 
 def read(path: Path, files: Files) -> Loaded:
     """One part, or one for each texture. Raises ValueError if it has fewer elements than it says."""
@@ -34,7 +38,7 @@ def read(path: Path, files: Files) -> Loaded:
     corners, counts = indices[0] if indices else np.zeros((2, 0), np.int64)
     places, owner = strip_triangles(corners, counts) if strips and not face else triangulate(vertices, corners, counts)
     triangles = corners[places]
-    columns = {
+    columns: dict[str, Any] = {
         "vertices": vertices,
         "normals": usable_normals(_columns(vertex, ("nx", "ny", "nz"))),
         "uv": next((uv for names in COORDINATES if (uv := _columns(vertex, names)) is not None), None),
@@ -61,39 +65,46 @@ def read(path: Path, files: Files) -> Loaded:
         return Loaded([make_part("ply", faces=triangles, **columns)])
     del columns["colours"]
     parts, chosen = [], face.get("texnumber", np.zeros(len(counts)))[owner]
-    for number, name in enumerate(textures):
+    for place, name in enumerate(textures):
         image = files.picture(name)
         material = plain(GREY if image is None else 1.0, name)
         material.baseColorTexture = image
-        parts.append(make_part(name, faces=triangles[chosen == number], material=material, **columns))
+        parts.append(make_part(name, faces=triangles[chosen == place], material=material, **columns))
     return Loaded(parts)
 
 
-def _elements(data):
-    """Values (n,) of each property by element and name, of a list as (values of all rows, lengths (n,)); textures."""
+def _elements(data: bytes) -> tuple[dict[str, Properties], list[str]]:
+    """The properties of each element by its name, and the names of textures."""
     header = HEADER.match(data)
     if header is None:
         raise ValueError("it has no header from `ply` to `end_header`")
-    order, elements, textures, held = "", [], [], {}
+    order, textures = "", []
+    elements: list[tuple[str, int, list[tuple[str, str, str]]]] = []
+    held: dict[str, Properties] = {}
     for line in header[0].decode(errors="replace").splitlines():
         match line.split():
             case ["format", kind, *_]:
                 order = ORDERS[kind]
             case ["comment", word, _, *_] if word.lower() == "texturefile":
                 textures.append(line.split(None, 2)[2].strip())
-            case ["element", name, count]:
-                elements.append((name, int(count), []))
+            case ["element", name, rows]:
+                elements.append((name, int(rows), []))
             case ["property", *length, kind, name]:
                 elements[-1][2].append((name.lower(), TYPES[kind], TYPES[length[1]] if length else ""))
-    data, at, lines = data[header.end() :], 0, []
+    data, at = data[header.end() :], 0
+    lines: list[bytes] = []
     if not order:  # the numbers of a text are read as if they were binary ones of eight bytes
         lines = [line for line in data.splitlines() if line.strip()]
         data = numbers(data).tobytes()
+
+    def stored_as(code: str) -> str:
+        return order + code if order else "d"
+
     one_a_line = len(lines) == sum(count for _, count, _ in elements)
     for name, count, properties in elements:
         width = 8 * len(lines[0].split()) if one_a_line and count else 0
         lines = lines[count:]
-        stored = [[code and (order + code if order else "d") for code in codes] for _, *codes in properties]
+        stored = [(stored_as(code), length and stored_as(length)) for _, code, length in properties]
         columns, at = _rows(data, at, name, count, stored, width)
         held[name] = {}
         for (key, code, is_list), (values, lengths) in zip(properties, columns, strict=True):
@@ -104,13 +115,16 @@ def _elements(data):
     return held, textures
 
 
-def _rows(data, at, name, count, codes, width):
+def _rows(
+    data: bytes, at: int, name: str, count: int, codes: list[tuple[str, str]], width: int
+) -> tuple[list[tuple[np.ndarray, np.ndarray]], int]:
     """(Values (n,), lengths (count,)) of each property of an element's rows, which begin `at`, and where they end.
 
     codes: of a value and, of a list, of its length; width: bytes of the first row's line, of which MeshLab writes more
     than its header says. Raises ValueError if the data end before.
     """
-    fields, columns = [], [[] for _ in codes]
+    fields: list[tuple[Any, ...]] = []
+    columns: list[list[np.ndarray]] = [[] for _ in codes]
     try:
         for number, (code, length_code) in enumerate(codes):  # of the first row
             length = 1
@@ -121,9 +135,9 @@ def _rows(data, at, name, count, codes, width):
         row = np.dtype([*fields, ("more", f"V{max(0, width - np.dtype(fields).itemsize)}")])
         if at + count * row.itemsize <= len(data):
             table = np.frombuffer(data, row, count, at)
-            if all((table[key] == table[key][:1]).all() for key in row.names if "length" in key):
-                columns = [table[f"{number}"] for number in range(len(codes))]
-                return [(column.ravel(), np.full(count, column.shape[1])) for column in columns], at + table.nbytes
+            if all((table[key] == table[key][:1]).all() for key, *_ in fields if "length" in key):
+                values = [table[f"{number}"] for number in range(len(codes))]
+                return [(value.ravel(), np.full(count, value.shape[1])) for value in values], at + table.nbytes
         for _ in range(count):
             for (code, length_code), column in zip(codes, columns, strict=True):
                 length = int(struct.unpack_from(length_code, data, at)[0]) if length_code else 1
@@ -136,12 +150,12 @@ def _rows(data, at, name, count, codes, width):
     return [(np.concatenate(column), np.array([len(values) for values in column])) for column in columns], at
 
 
-def _columns(values, names):
+def _columns(values: Properties, names: Sequence[str]) -> np.ndarray | None:
     """The properties of these names side by side (n, k) as float64; None if one is missing."""
     return np.column_stack([values[name] for name in names]).astype(float) if set(names) <= set(values) else None
 
 
-def _colours(values):
+def _colours(values: Properties) -> np.ndarray | None:
     """Colours (n, 4) uint8 in linear light; None if there are none. Floats are shares of 1 unless one is larger."""
     for names in CHANNELS:
         if set(names) <= set(values):

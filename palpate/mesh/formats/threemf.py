@@ -4,15 +4,19 @@ Its colours and textures are not read, and supports are left out.
 """
 
 import zipfile
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from lxml import etree
+from trimesh import Trimesh
 
 from palpate.mesh.files import Files
 from palpate.mesh.formats.corners import numbers
 from palpate.mesh.part import Loaded, make_part
 
+Element = Any  # of lxml, which states no types
 MOST_UNPACKED, LARGEST_RATIO = 500e6, 100  # bytes of an unpacked file; these over its own, where 10 is common
 UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 0.01, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
 MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
@@ -26,25 +30,23 @@ def read(path: Path, files: Files) -> Loaded:
         size = sum(file.file_size for file in archive.infolist())
         if size > max(MOST_UNPACKED, LARGEST_RATIO * path.stat().st_size):
             raise ValueError(f"its {path.stat().st_size / 1e6:.1f} MB are {size / 1e6:,.0f} MB unpacked")
-        models, names = {}, {name.lower(): name for name in archive.namelist()}
+        names = {name.lower(): name for name in archive.namelist()}
+        parts: list[Trimesh] = []
 
-        def model(name):
+        @cache
+        def model(name: str) -> tuple[dict[str, Element], Element]:
             """The objects of a model file, by their ids, and its root."""
-            name = names.get(name.lstrip("/").lower(), name)
-            if name not in models:
-                root = _parse(archive.read(name))
-                spaces = [root.nsmap.get(prefix, prefix) for prefix in root.get("requiredextensions", "").split()]
-                if missing := [space for space in spaces if not space.endswith(KNOWN)]:
-                    raise ValueError(f"it requires an extension that is not read: {', '.join(missing)}")
-                models[name] = {shape.get("id"): shape for shape in root.iterfind("{*}resources/{*}object")}, root
-            return models[name]
+            root = _parse(archive.read(names.get(name.lstrip("/").lower(), name)))
+            spaces = [root.nsmap.get(prefix, prefix) for prefix in root.get("requiredextensions", "").split()]
+            if missing := [space for space in spaces if not space.endswith(KNOWN)]:
+                raise ValueError(f"it requires an extension that is not read: {', '.join(missing)}")
+            return {shape.get("id"): shape for shape in root.iterfind("{*}resources/{*}object")}, root
 
         relations = _parse(archive.read("_rels/.rels")) if "_rels/.rels" in names else ()
         start = next((one.get("Target") for one in relations if one.get("Type") == MODEL), "3D/3dmodel.model")
         _, root = model(start)
-        parts = []
 
-        def show(reference, name, frame, within):
+        def show(reference: Element, name: str, frame: np.ndarray, within: tuple[Element, ...]) -> None:
             """Note the parts that a build item or a component of a model file shows."""
             path = (value for key, value in reference.attrib.items() if key.endswith("}path"))
             name, number = next(path, name), reference.get("objectid")
@@ -65,11 +67,12 @@ def read(path: Path, files: Files) -> Loaded:
     return Loaded(parts, UNITS[root.get("unit", "millimeter")])
 
 
-def _parse(data):
+def _parse(data: bytes) -> Element:
+    """The root of an XML file, without what it names outside."""
     return etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True))
 
 
-def _part(shape, frame, files):
+def _part(shape: Element, frame: np.ndarray, files: Files) -> Trimesh:
     """An object's triangles; frame: the matrix (4, 4) of its build, for rows of coordinates."""
     name, triangles = shape.get("name") or f"object {shape.get('id')}", list(shape.iterfind(".//{*}triangle"))
     corners = shape.iterfind(".//{*}vertex")

@@ -5,8 +5,8 @@ import pytest
 import torch
 import trimesh
 
-from palpate.learning.losses import Truth
 from palpate.mesh.distance import Surface
+from palpate.models.losses import Truth
 from palpate.protocol import CHAMFER_SCALE
 from studies.error_vs_runtime import chamfer
 from studies.error_vs_runtime.chamfer import Chamfer, Pair, exact, training_loss

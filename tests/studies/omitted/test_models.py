@@ -12,9 +12,8 @@ from palpate.architectures import Architecture
 from palpate.charts import Graph, touch_chart
 from palpate.charts.graph import mesh_edges
 from palpate.learning.data import ExperimentData
-from palpate.learning.draws import training_samples
 from palpate.learning.inputs import INPUTS, inputs, stages
-from palpate.learning.samples import Assembler, windows
+from palpate.learning.samples import Assembler, training_samples, windows
 from studies.omitted.models import (
     BOTH,
     IMAGE,
@@ -48,7 +47,7 @@ def omissions():
         needless = [SPARE]
         needless += [] if experiment.has_vision else [IMAGE]
         # Without touch there is no reading to encode.
-        needless += [READING] if experiment.touch and not experiment.takes_readings else []
+        needless += [READING] if experiment.touch and experiment.takes_charts else []
         for naive in [[each] for each in needless] + [needless] * (len(needless) > 1):
             yield experiment, naive
 

@@ -119,13 +119,13 @@ def test_items_that_stay_change_the_picture(torus, expected, item):
 def test_the_engine_renders_what_is_needed_and_the_naive_one_more(torus, monkeypatch):
     """Every call of Blender's render as (samples, links of the hand in it)."""
     calls = []
-    render = Renderer._render
+    render = Renderer.render_layers
 
     def count(self, samples, filter_width):
         calls.append((samples, sum(not body.hide_render for _, body, _ in self._links)))
         return render(self, samples, filter_width)
 
-    monkeypatch.setattr(Renderer, "_render", count)
+    monkeypatch.setattr(Renderer, "render_layers", count)
     links = len(np.unique(torus.hand.geom_link))
     Renderer(4, "cpu").render(torus)
     assert calls == [(4, 0), (1, 0)] + 2 * [(4, links), (1, links)]
@@ -145,13 +145,13 @@ def changed_file(scene, folder, change):
 
 def test_textures_of_no_triangle_are_not_read(torus, tmp_path, monkeypatch):
     seen = []
-    render = Renderer._render
+    render = Renderer.render_layers
 
     def look(self, *arguments):
         seen.append(({image.name for image in bpy.data.images}, {each.name for each in bpy.data.materials}))
         return render(self, *arguments)
 
-    monkeypatch.setattr(Renderer, "_render", look)
+    monkeypatch.setattr(Renderer, "render_layers", look)
     scene = changed_file(torus, tmp_path, add_unused_texture)
     without, with_it = (pictures(scene, changes)[:1] for changes in ((), {(UNOCCLUDED, "materials of no triangle")}))
     assert_same(without, with_it)

@@ -34,21 +34,21 @@ def test_holds(name, subject):
 
 def unlimited(self, *arguments):
     """Depth without the sensor's range."""
-    return self._depth(*arguments)
+    return self.block_depth(*arguments)
 
 
 def too_bright(height, normal, kind):
-    return lit(height, normal, replace(kind, diffuse=400.0))
+    return light_of(height, normal, replace(kind, diffuse=400.0))
 
 
-lit = shading.lit
+light_of = shading.light_of
 NAIVE = {
     "grazing sensor": (caster, "_NO_WIDTH", 0.1),
     "rays through vertices and along edges": (caster, "_pits", lambda depth, pixel: np.zeros(depth.shape, dtype=bool)),
     "sensor plane inside the mesh": (caster, "_EDGE_ON", 0.0),
     "surface on the sensor plane": (caster, "_SLACK", 0.0),
     "surface exactly at the range limit": (caster.RayCaster, "_in_range", unlimited),
-    "steep steps in the impression": (shading, "lit", too_bright),
+    "steep steps in the impression": (shading, "light_of", too_bright),
     "float32 far from the origin": (sensor, "FURTHEST", np.inf),
     "object much larger than the sensor": (caster, "_LARGEST", np.inf),
 }

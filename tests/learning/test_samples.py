@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from palpate.experiments import Experiment
 from palpate.learning.data import ExperimentDataError
-from palpate.learning.draws import shuffled, spread, training_samples
-from palpate.learning.samples import Assembler, Sample, to_colours, windows
+from palpate.learning.samples import Assembler, Sample, shuffled, spread, to_colours, training_samples, windows
 from tests.learning.conftest import OCCLUDED_TOUCH, TOUCH_ONLY, made_up
 
 VIEWS = Experiment("views", "charts", "views", False, 1)

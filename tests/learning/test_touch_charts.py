@@ -12,8 +12,14 @@ from palpate.learning.learners import TouchDepthLearner
 from palpate.learning.loop import train
 from palpate.learning.machine import Machine
 from palpate.learning.recipes import TouchDepthSettings
-from palpate.learning.touch_charts import predict_depth, touch_charts
-from palpate.learning.touch_readings import read_touches
+from palpate.learning.touch_charts import (
+    depth_to_points,
+    predict_depth,
+    read_touches,
+    touch_charts,
+    touch_depth_loss,
+    touched,
+)
 from palpate.models import TouchDepth
 from palpate.touch import SENSOR_RANGE, empty_reading, local_points, shade
 from palpate.touch.sensor import PIXEL_CENTRES
@@ -153,3 +159,51 @@ def test_a_faint_touch_has_the_pixel_that_differs_most():
     _, valid = predict_depth(TouchDepth(1).eval(), reading, empty)
     assert valid[0].nonzero().tolist() == [[30, 70]]
     assert valid[1].sum() == 100 and valid[1, 10:20, 10:20].all()
+
+
+def all_pairs(a, b):
+    """9000 times the mean squared distance from each of a to the nearest of b."""
+    return 9000 * ((a[:, None] - b[None]) ** 2).sum(axis=2).min(axis=1).mean()
+
+
+def test_touched_is_the_supplements_threshold():
+    empty = torch.full((3, 2, 2), 0.5)
+    reading = empty.clone()[None]
+    reading[0, :, 0, 0] += 0.0184  # 3 x 0.0184^2 = 0.00102
+    reading[0, :, 0, 1] += 0.0182  # 0.00099
+    reading[0, 1, 1, 0] -= 0.0317  # 0.001005
+    assert touched(reading, empty).tolist() == [[[True, False], [True, False]]]
+
+
+def test_the_sheet_has_columns_along_y_and_rows_along_z():
+    depth = torch.rand(100, 100, dtype=torch.float64)
+    points = depth_to_points(depth)
+    for row, column in [(0, 0), (3, 97), (99, 12)]:
+        expected = [float(depth[row, column]), PIXEL_CENTRES[column], PIXEL_CENTRES[row]]
+        np.testing.assert_allclose(points[row, column], expected, rtol=1e-12)
+
+
+def test_touch_depth_against_all_pairs():
+    random = np.random.default_rng(0)
+    y, z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
+    depth = 0.02 + 0.1 * y + np.where(np.hypot(y, z) < 0.002, 0, np.inf)
+    predicted = 0.02 + 0.002 * random.standard_normal((100, 100))
+    valid = np.hypot(y, z - 0.001) < 0.002
+    a = np.stack([predicted, y, z], 2)[valid]
+    b = np.stack([depth, y, z], 2)[np.isfinite(depth)]
+    tensors = [torch.from_numpy(array)[None] for array in (predicted, valid, depth)]
+    tensors[0].requires_grad_()
+    losses = touch_depth_loss(*tensors, None, torch.Generator())
+    losses.sum().backward()
+    found = float(losses.detach())
+    assert found == pytest.approx(all_pairs(a, b) + all_pairs(b, a), rel=1e-9)
+    assert not tensors[0].grad[0][~torch.from_numpy(valid)].any()
+    # A step against the gradient lowers it.
+    with torch.no_grad():
+        lower = touch_depth_loss(tensors[0] - 1e-6 * tensors[0].grad, *tensors[1:], None, torch.Generator())
+    assert float(lower) < found
+    sampled = [
+        float(touch_depth_loss(tensors[0].detach(), *tensors[1:], 100, torch.Generator().manual_seed(k)))
+        for k in range(40)
+    ]
+    assert np.mean(sampled) == pytest.approx(found, rel=0.1)

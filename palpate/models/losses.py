@@ -1,0 +1,108 @@
+"""What predictions are compared with in a training, and how: Chamfer distances in the tables' unit
+(`palpate.protocol.CHAMFER_SCALE` times square metres). The networks have the losses that they are trained with."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from scipy.ndimage import binary_fill_holes
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from palpate.charts import build_tree, one_sided_distance, plane_normals, sample_faces
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.protocol import CHAMFER_SCALE
+
+GRID = 32  # cells along an edge of the grid of voxels
+# Of the grid's edge, m: no side of an object's box is longer than its diagonal.
+GRID_EDGE = DIAGONAL
+CELL = GRID_EDGE / GRID
+
+
+class Truth:
+    """True surface points of objects (o, n, 3); what is derived from them is made when it is first asked for."""
+
+    def __init__(self, points: Tensor):
+        self.points = points
+        self._tree = cache(lambda number: build_tree(self.points[number]))
+        self._occupied = cache(lambda number, size: occupied(self.points[number], size))
+        self._normals = cache(self._plane_normals)
+
+    def _plane_normals(self, number: int) -> Tensor:
+        points = self.points[number]
+        cloud = points.detach().cpu().double().numpy()
+        return torch.from_numpy(plane_normals(cloud, self._tree(number))).to(points)
+
+    def clouds(self, objects: Sequence[int]) -> list[Tensor]:
+        """The clouds of the numbered objects."""
+        return [self.points[number] for number in objects]
+
+    def trees(self, objects: Sequence[int]) -> list[cKDTree] | None:
+        """Their trees; None on a GPU, where neighbours are found without."""
+        return [self._tree(number) for number in objects] if self.points.device.type == "cpu" else None
+
+    def normals(self, objects: Sequence[int]) -> list[Tensor]:
+        """The unit normals (n, 3) at their points, of either sign."""
+        return [self._normals(number) for number in objects]
+
+    def occupied(self, objects: Sequence[int], relative_size: float = 1.0) -> list[Tensor]:
+        """Their cells (32, 32, 32) bool, as the function `occupied` has them."""
+        return [self._occupied(number, relative_size) for number in objects]
+
+
+class Target(NamedTuple):
+    """What the predictions of a step are compared with.
+
+    truth: of all objects. objects: B numbers in it. n: points that are sampled on each prediction, and taken of the
+    true ones. generator: of the random choices.
+    """
+
+    truth: Truth
+    objects: Sequence[int]
+    n: int
+    generator: torch.Generator
+
+
+def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
+    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose.
+
+    As the published voxels, cells are occupied that the surface passes, and those within it. relative_size: of the grid
+    to the cube of `GRID_EDGE`.
+    """
+    cell = CELL * relative_size
+    index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / cell + GRID / 2).floor().long()
+    shell = np.zeros((GRID, GRID, GRID), dtype=bool)
+    shell[tuple(index.clamp(0, GRID - 1).numpy().T)] = True
+    return torch.from_numpy(binary_fill_holes(shell)).to(points.device)
+
+
+def reconstruction_loss(vertices: Tensor, faces: Tensor, target: Target) -> Tensor:
+    """Chamfer distance (B,) of each predicted mesh to its object (paper, equation 2), differentiable in the vertices.
+
+    vertices: (B, V, 3) metres, faces: (F, 3).
+    """
+    points = sample_faces(vertices.to(target.truth.points.dtype), faces, target.n, target.generator)
+    return cloud_loss(points, target)
+
+
+def cloud_loss(points: Tensor, target: Target) -> Tensor:
+    """Chamfer distance (B,) of predicted points (B, m, 3) to their objects.
+
+    Each of them looks for the nearest of all true points, each of those that are taken of the true ones for the
+    nearest predicted one.
+    """
+    truth, objects, n, generator = target
+    points, clouds = points.to(truth.points.dtype), truth.clouds(objects)
+    there = one_sided_distance(points, clouds, truth.trees(objects))
+    back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], points)
+    return CHAMFER_SCALE * (there + back)
+
+
+def subsample(points: Tensor, n: int | None, generator: torch.Generator) -> Tensor:
+    """n random rows, without repetition; all rows if there are no more or n is None."""
+    if n is None or n >= len(points):
+        return points
+    order = torch.randperm(len(points), generator=generator, device=generator.device)[:n]
+    return points[order.to(points.device)]

@@ -1,0 +1,73 @@
+"""Tables and records that a run wrote, as text: read if they are as they were written."""
+
+import csv
+import io
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from palpate import seal
+from palpate.rebuild_command import rebuild_advice
+from palpate.seal import DamagedFile
+
+
+def read_text(path: Path | str) -> str:
+    """The text of a table or record that a run wrote, or that a user wrote elsewhere: see `palpate.seal.find`.
+
+    Raises DamagedFile if the file is missing, empty, not UTF-8, not the one that its seal is of, or a table without a
+    line break at its end.
+    """
+    path, remedy = Path(path), rebuild_advice(path)
+    try:
+        data = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        raise DamagedFile(f"{path} does not exist; {remedy}") from None
+    except PermissionError:
+        raise
+    except OSError as error:
+        raise DamagedFile(f"{path} can't be read ({error.strerror}); {remedy}") from None
+    if not data.strip():
+        raise DamagedFile(f"{path} is empty; {remedy}")
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        raise DamagedFile(f"{path} is not text; {remedy}") from None
+    if "\0" in text:
+        raise DamagedFile(f"{path} is not text; {remedy}")
+    if path.suffix == ".csv" and not text.endswith("\n"):  # a record that is cut off is not valid JSON
+        raise DamagedFile(f"{path} is cut off: no line break at its end; {remedy}")
+    sealed = seal.find(path)
+    if sealed is not None and sealed.files.get(path.name) != seal.measured(data):
+        raise DamagedFile(f"{path} has changed since it was written ({seal.beside(path).name}: checksum); {remedy}")
+    return text
+
+
+def read_rows(path: Path | str, columns: Iterable[str]) -> list[dict[str, str]]:
+    """Rows of a CSV table: values by column.
+
+    Raises DamagedFile as `read_text` does, and if a column is missing or a line has more or fewer values than the
+    first.
+    """
+    lines, remedy = csv.DictReader(io.StringIO(read_text(path), newline=""), strict=True), rebuild_advice(path)
+    try:
+        rows = list(lines)
+    except csv.Error as error:
+        raise DamagedFile(f"{path} is not a valid CSV file ({error}); {remedy}") from None
+    if missing := [name for name in columns if name not in (lines.fieldnames or ())]:
+        raise DamagedFile(f"{path} has no column {missing[0]!r}; {remedy}")
+    for number, row in enumerate(rows, start=1):
+        if None in row or None in row.values():
+            raise DamagedFile(f"{path} lacks a value, or has one too many, in row {number}; {remedy}")
+    return rows
+
+
+def read_record(path: Path | str) -> dict[str, Any]:
+    """The JSON object of a record. Raises DamagedFile as `read_text` does, and for other JSON."""
+    try:
+        record = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise DamagedFile(f"{path} is not valid JSON ({error}); {rebuild_advice(path)}") from None
+    if not isinstance(record, dict):
+        raise DamagedFile(f"{path} is not a JSON object; {rebuild_advice(path)}")
+    return record
