@@ -92,9 +92,10 @@ def write_piece(library: zipfile.ZipFile, piece: Mapping[str, str], folder: Path
         if materials in members:
             text = library.read(materials)
             (folder / PurePosixPath(materials).name).write_bytes(text)
-            for texture in {*re.findall(rb"^\s*map_\w+\s+(?:-\S+\s+\S+\s+)*(.+?)\s*$", text, re.MULTILINE)}:
-                image = str(model.parent / texture.decode("latin-1"))
-                if image in members:
+            for line in {*re.findall(r"^\s*map_\w+\s+(.+?)\s*$", text.decode("latin-1"), re.MULTILINE)}:
+                words = line.split(" ")  # options, then a name, which may have spaces
+                images = (str(model.parent / " ".join(words[first:])) for first in range(len(words)))
+                if image := next((image for image in images if image in members), None):
                     (folder / PurePosixPath(image).name).write_bytes(library.read(image))
 
 
