@@ -38,12 +38,14 @@ class GCN:
 
     normalisation: of neighbourhoods, `symmetric` (the paper's equation 1) or `mean` (the authors' first release).
     shared_coordinates: how many of its 3 outputs are summed over neighbourhoods (3; the authors' first release: 1).
+    slope: of its ReLUs below 0.
     """
 
     layers: int
     width: int
     normalisation: str = "symmetric"
     shared_coordinates: int = 3
+    slope: float = 0.0
 
 
 @dataclass(frozen=True)

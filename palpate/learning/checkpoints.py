@@ -123,7 +123,7 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
 
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
-        arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks"))
+        arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks", "kernel"))
         described = experiment_of(content) if experiment is None or not shares_weights else experiment
         templates = Templates(*arrays) if described.plan.start == "templates" else None
         model = build(described, architecture, *_sensor_of(content), templates)

@@ -31,9 +31,9 @@ class ZeroNeighbour(torch.autograd.Function):
         products: Tensor | None,
         graph: Graph,
         shared: int,
-        relu: bool,
+        slope: float | None,
     ) -> Tensor:
-        """What the class says; `relu`: whether there is one."""
+        """What the class says; slope: of the ReLU below 0, or None without one."""
         rows = x.flatten(0, 1)
         if products is None:
             late = bias.clone()  # The bias of the shared channels comes after the sum.
@@ -44,10 +44,10 @@ class ZeroNeighbour(torch.autograd.Function):
             y[..., shared:] += bias[shared:]
         if shared:
             y[..., :shared] = graph.aggregate(y[..., :shared]).add_(bias[:shared])
-        if relu:
-            y.relu_()
-        ctx.save_for_backward(x, weight, y if relu else None)
-        ctx.graph, ctx.shared = graph, shared
+        if slope is not None:
+            torch.nn.functional.leaky_relu_(y, slope)
+        ctx.save_for_backward(x, weight, None if slope is None else y)
+        ctx.graph, ctx.shared, ctx.slope = graph, shared, slope
         return y
 
     @staticmethod
@@ -56,8 +56,8 @@ class ZeroNeighbour(torch.autograd.Function):
         """The gradients of x, weight, bias and products."""
         x, weight, y = ctx.saved_tensors
         # A copy either way: what comes in must not be changed in place.
-        through = torch.ops.aten.threshold_backward
-        gradient = gradient.clone() if y is None else through(gradient, y, 0)
+        through = torch.ops.aten.leaky_relu_backward
+        gradient = gradient.clone() if y is None else through(gradient, y, ctx.slope, True)
         grad_bias = gradient.sum(dim=(0, 1))
         if ctx.shared:
             shared = gradient[..., : ctx.shared]
@@ -91,15 +91,15 @@ class ZeroNeighbourLayer(nn.Module):
 
     The graph operation is `Graph.aggregate`. It works on `outputs // 3` channels only, the others pass (the published
     code; a zero-neighbour layer is GEOMetrics'). The last layer of a network has relu False, and sums `shared` of its
-    channels, the coordinates (the published code: all 3; its first release: 1).
+    channels, the coordinates (the published code: all 3; its first release: 1). slope: of the ReLU below 0.
     """
 
-    def __init__(self, inputs: int, outputs: int, relu: bool = True, shared: int = 3):
+    def __init__(self, inputs: int, outputs: int, relu: bool = True, shared: int = 3, slope: float = 0.0):
         super().__init__()
         self.weight = nn.Parameter(torch.empty(inputs, outputs))
         self.bias = nn.Parameter(torch.empty(outputs))
         self.shared = outputs // 3 if relu else shared
-        self.relu = relu
+        self.slope = slope if relu else None
         self.initialise("he")
 
     def initialise(self, init: str, scale: float = 1.0, fan_in: int | None = None) -> None:
@@ -118,7 +118,7 @@ class ZeroNeighbourLayer(nn.Module):
         if torch.is_autocast_enabled(device):
             tensors = [tensor if tensor is None else tensor.to(torch.get_autocast_dtype(device)) for tensor in tensors]
         with torch.autocast(device, enabled=False):
-            return ZeroNeighbour.apply(*tensors, graph, self.shared, self.relu)
+            return ZeroNeighbour.apply(*tensors, graph, self.shared, self.slope)
 
 
 class GraphNetwork(nn.Module):
@@ -139,7 +139,8 @@ class GraphNetwork(nn.Module):
             raise ValueError(f"gcn: {layers} layers of width {width}: at least 1 layer, of width 3")
         widths = [inputs, *[width] * (layers - 1), 3]
         sizes = enumerate(pairwise(widths))
-        built = [ZeroNeighbourLayer(*size, k < layers - 1, options.shared_coordinates) for k, size in sizes]
+        own = options.shared_coordinates, options.slope
+        built = [ZeroNeighbourLayer(*size, k < layers - 1, *own) for k, size in sizes]
         for k, layer in enumerate(built):
             layer.initialise(init, last_layer_scale if k == layers - 1 else 1.0, None if k else fan_in)
         self.outputs, self.layers = widths[1], nn.ModuleList(built)

@@ -5,6 +5,7 @@ To retrieve an object and to deform it is known from meshes of CAD models (Uy et
 retrieval and deformation").
 """
 
+import itertools
 from collections.abc import Mapping
 from functools import cached_property
 
@@ -23,9 +24,10 @@ MASK = 64  # pixels along an edge of the silhouettes that are compared
 POINTS = 5000  # on a template, to which touched points' distances are measured
 SILHOUETTE, TOUCH = ("mask", "hand", "camera_number"), ("success", "charts")  # keys of a batch
 NEIGHBOURS, TOUCH_NEIGHBOURS = 128, 32  # templates that a start is interpolated from; without an image
-SILHOUETTE_SCALE = 2.0  # in the covariance's exponent, of silhouettes' intersection over union
-TOUCH_SCALE = 100.0  # m^-2, there, of the mean squared difference of touched points' distances
-NUGGET = 0.02  # of the covariance: what differs between objects that look and feel alike
+TOUCH_SCALE = 100.0  # m^-2, in the covariance's exponent, of the mean squared difference of touched points' distances
+NUGGET = 0.02  # of the covariance: what differs between objects that feel alike
+# Of silhouettes: scales of their intersection over union in the exponent, and nuggets, to choose among
+SCALES, NUGGETS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0), (0.003, 0.01, 0.02, 0.05, 0.1)
 NOISE = 0.01  # m, of a touched point's distance to the surface
 ROUNDS = 3  # of looking for the face that is nearest to a touched point, and of conditioning
 BENT = Correction(0.08, 0.03)  # of a start to the touched points
@@ -39,16 +41,21 @@ class Templates(nn.Module):
     correspond, roughly.
 
     shapes: (T, 1154, 3) m, vertices of `sphere()` fitted to the objects (`palpate.charts.fit_atlas`). masks:
-    (T, k, 64, 64) uint8, the objects as k cameras see them, by `shrunk`; None without vision.
+    (T, k, 64, 64) uint8, the objects as k cameras see them, by `shrunk`; None without vision. kernel: (2,) float64, of
+    silhouettes: scale and nugget; without, those that `likely_kernel` says.
     """
 
     shapes: Tensor
     masks: Tensor | None
+    kernel: Tensor | None
 
-    def __init__(self, shapes: Tensor, masks: Tensor | None = None):
+    def __init__(self, shapes: Tensor, masks: Tensor | None = None, kernel: Tensor | None = None):
         super().__init__()
         self.register_buffer("shapes", shapes)
         self.register_buffer("masks", masks)
+        if kernel is None and masks is not None:
+            kernel = likely_kernel(shapes, masks[:, 0])
+        self.register_buffer("kernel", kernel)
 
     @cached_property
     def objects(self) -> Objects:
@@ -79,7 +86,8 @@ class Templates(nn.Module):
             numbers = best[row, allowed] if allowed.any() else best[row]
             sample = {key: searched[key][row] for key in SILHOUETTE if key in searched}
             exponent = self._by_silhouette(numbers, **sample) if sample else self._by_touch(numbers, points)
-            start = conditioned(*kriged(self.shapes[numbers], exponent.exp()), points)
+            nugget = NUGGET if self.kernel is None else float(self.kernel[1])
+            start = conditioned(*kriged(self.shapes[numbers], exponent.exp(), nugget), points)
             starts.append(displaced(start, sphere()[1], points, BENT))
         return torch.stack(starts)[:, vision_atlas().position]
 
@@ -92,12 +100,11 @@ class Templates(nn.Module):
         It is positive definite (Bouchard et al. 2013, "A proof for the positive definiteness of the Jaccard index
         matrix").
         """
-        assert self.masks is not None  # of a strategy with vision
+        assert self.masks is not None and self.kernel is not None  # of a strategy with vision
         masks = self.masks[numbers, camera_number].cpu() / 255
         seen = torch.cat([mask[None], masks if hand is None else masks * (1 - hand)]).flatten(1)
         seen = seen[:, seen.amax(dim=0) > 0]  # empty pixels add nothing
-        both, areas = seen @ seen.T, seen.sum(dim=1)
-        return SILHOUETTE_SCALE * (both / (areas[:, None] + areas - both).clamp(min=1) - 1).double()
+        return float(self.kernel[0]) * (alike(seen) - 1)
 
     def _by_touch(self, numbers: Tensor, touched: Tensor) -> Tensor:
         """The same by the distances of touched points (m, 3) to the surfaces, which to the sample's are 0."""
@@ -107,20 +114,49 @@ class Templates(nn.Module):
         return -TOUCH_SCALE * torch.cdist(distances, distances).square() / max(len(places), 1)
 
 
-def kriged(vertices: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def alike(masks: Tensor) -> Tensor:
+    """The intersections over union (n, n) float64 of masks (n, p), shares of pixels."""
+    both, areas = masks @ masks.T, masks.sum(dim=1)
+    return (both / (areas[:, None] + areas - both).clamp(min=1)).double()
+
+
+def likely_kernel(shapes: Tensor, masks: Tensor) -> Tensor:
+    """The scale and the nugget, (2,) float64 of `SCALES` and `NUGGETS`, by which shapes (T, V, 3) are most probable.
+
+    masks: (T, p, p) uint8, their silhouettes. The likelihood is of what does not depend on the mean (restricted:
+    Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are unequal"), every coordinate
+    has the same variance, and that is the most probable one.
+    """
+    values, one, overlap = (
+        shapes.flatten(1).double(),
+        torch.ones(len(shapes), 1).double(),
+        alike(masks.flatten(1) / 255),
+    )
+    kernels = [torch.tensor(kernel, dtype=torch.float64) for kernel in itertools.product(SCALES, NUGGETS)]
+    products, unlikely = values @ values.T, []
+    for scale, nugget in kernels if len(shapes) > 1 else ():
+        factor = torch.linalg.cholesky(torch.exp(scale * (overlap - 1)) + nugget * torch.eye(len(shapes)).double())
+        inverse = torch.cholesky_inverse(factor)
+        by_one, total = inverse @ one, inverse.sum()
+        squares = (products * (inverse - by_one @ by_one.T / total)).sum()
+        unlikely.append(2 * factor.diagonal().log().sum() + total.log() + (len(shapes) - 1) * squares.log())
+    return kernels[int(torch.stack(unlikely).argmin())] if unlikely else kernels[0]
+
+
+def kriged(vertices: Tensor, covariance: Tensor, nugget: float = NUGGET) -> tuple[Tensor, Tensor, Tensor]:
     """A shape (V, 3) m, interpolated from shapes (n, V, 3), and how it may be wrong: by a sum of the n moves
     `factor^-1 off`, with standard normal shares. Returns it, off (n, V, 3) and factor (n, n), which is triangular.
 
-    covariance: (1 + n, 1 + n), of the shape and of those that are known, to which `NUGGET` is added. Their mean is
+    covariance: (1 + n, 1 + n), of the shape and of those that are known, to which `nugget` is added. Their mean is
     estimated with it (ordinary kriging: Cressie 1993, "Statistics for spatial data", 3.2). The covariance of vertices,
     by which that of shapes is multiplied, is the most probable one (Conti & O'Hagan 2010, "Bayesian emulation of
     complex multi-output and dynamic computer models").
     """
-    known, ones = covariance[1:, 1:] + NUGGET * torch.eye(len(vertices)), torch.ones(len(vertices))
+    known, ones = covariance[1:, 1:] + nugget * torch.eye(len(vertices)), torch.ones(len(vertices))
     factor = torch.linalg.cholesky(known)
     solved, by_ones = torch.cholesky_solve(torch.stack([covariance[0, 1:], ones.double()], dim=1), factor).unbind(1)
     lack, trend = 1 - solved.sum(), by_ones / by_ones.sum()
-    variance = covariance[0, 0] + NUGGET - covariance[0, 1:] @ solved + lack**2 / by_ones.sum()
+    variance = covariance[0, 0] + nugget - covariance[0, 1:] @ solved + lack**2 / by_ones.sum()
     weights, trend, factor = ((solved + lack * trend).to(vertices), trend.to(vertices), factor.to(vertices))
     off = (vertices - torch.einsum("n,nvi->vi", trend, vertices)) * (variance / len(vertices)).sqrt().to(vertices)
     return torch.einsum("n,nvi->vi", weights, vertices), off, factor

@@ -14,19 +14,23 @@ from tests.models.straightforward import dense_adjacency
 def plain_layer(layer, x, adjacency):
     """The published layer's order of things: product, first third over neighbours, join, bias, ReLU."""
     y = torch.einsum("vbi,io->vbo", x, layer.weight)
-    third = layer.weight.shape[1] // 3 if layer.relu else layer.weight.shape[1]  # all channels of the last layer
+    last = layer.slope is None
+    third = layer.weight.shape[1] if last else layer.weight.shape[1] // 3  # all channels of the last layer
     y = torch.cat([torch.einsum("uv,vbo->ubo", adjacency, y[..., :third]), y[..., third:]], dim=-1)
     y = y + layer.bias
-    return y.clamp(min=0) if layer.relu else y
+    return y if last else torch.where(y > 0, y, layer.slope * y)
 
 
 @pytest.mark.parametrize("normalisation", ["symmetric", "mean"])
 @pytest.mark.parametrize("kind", ["charts", "sphere"])
-@pytest.mark.parametrize(("samples", "inputs", "outputs", "relu"), [(1, 5, 7, True), (3, 4, 3, False), (2, 1, 2, True)])
-def test_layer_is_the_plain_one(kind, normalisation, samples, inputs, outputs, relu):
+@pytest.mark.parametrize(
+    ("samples", "inputs", "outputs", "relu", "slope"),
+    [(1, 5, 7, True, 0.0), (3, 4, 3, False, 0.1), (2, 1, 2, True, 0.1)],
+)
+def test_layer_is_the_plain_one(kind, normalisation, samples, inputs, outputs, relu, slope):
     torch.manual_seed(0)
     graph = Graph(3 if kind == "charts" else 0, kind, normalisation)
-    layer = ZeroNeighbourLayer(inputs, outputs, relu).double()
+    layer = ZeroNeighbourLayer(inputs, outputs, relu, slope=slope).double()
     layer.initialise("paper")
     x = torch.randn(graph.vertices, samples, inputs, dtype=torch.float64, requires_grad=True)
     direction = torch.randn(graph.vertices, samples, outputs, dtype=torch.float64)
@@ -57,13 +61,13 @@ def test_gradients_by_finite_differences():
 def test_network_is_its_layers_in_a_row():
     torch.manual_seed(0)
     graph = Graph(1)
-    network = GraphNetwork(4, GCN(4, 9)).double()
+    network = GraphNetwork(4, GCN(4, 9, slope=0.1)).double()
     x = torch.randn(graph.vertices, 2, 4, dtype=torch.float64)
     expected = x
     for layer in network.layers:
         expected = plain_layer(layer, expected, dense_adjacency(graph))
     torch.testing.assert_close(network(x, graph), expected, rtol=1e-12, atol=1e-14)
-    assert [layer.relu for layer in network.layers] == [True, True, True, False]
+    assert [layer.slope for layer in network.layers] == [0.1, 0.1, 0.1, None]
     assert (expected < 0).any()
 
 

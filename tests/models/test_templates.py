@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from scipy.stats import multivariate_normal
 
 from palpate.architectures import Architecture
 from palpate.charts import sample_faces, sphere, vision_atlas
@@ -13,10 +14,26 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from palpate.models import templates as templates_module
 from palpate.models.kriging import displaced, nearest_on_faces, touched_points
-from palpate.models.templates import BENT, MASK, NOISE, NUGGET, POINTS, Templates, conditioned, kriged, shrunk, smoothed
+from palpate.models.templates import (
+    BENT,
+    MASK,
+    NOISE,
+    NUGGET,
+    NUGGETS,
+    POINTS,
+    SCALES,
+    Templates,
+    alike,
+    conditioned,
+    kriged,
+    likely_kernel,
+    shrunk,
+    smoothed,
+)
 from tests.models.batches import SMALL, random_batch
 
 COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK
+KERNEL = torch.tensor([2.0, NUGGET], dtype=torch.float64)
 
 
 def templates(vision=True, seed=0):
@@ -29,7 +46,7 @@ def templates(vision=True, seed=0):
     rows, columns = torch.meshgrid(*[torch.linspace(0, 1, SIZE)] * 2, indexing="ij")
     away = (rows - 0.3 - 0.4 * middle[:, :, 0]).square() + (columns - 0.3 - 0.4 * middle[:, :, 1]).square()
     masks = away < (0.15 + 0.2 * radius[:, :, 0]).square()
-    return Templates(vertices, shrunk(masks) if vision else None), masks
+    return Templates(vertices, shrunk(masks) if vision else None, KERNEL if vision else None), masks
 
 
 def batch(samples=8, grasps=1, seed=1):
@@ -123,14 +140,42 @@ def test_kriging_by_its_equations():
     assert np.allclose(moves.T @ moves, expected, atol=1e-10) and torch.equal(factor, factor.tril())
 
 
-def test_without_a_nugget_an_object_is_found_again(monkeypatch):
-    monkeypatch.setattr(templates_module, "NUGGET", 1e-9)
+def test_without_a_nugget_an_object_is_found_again():
     vertices, places = templates()[0].shapes.double(), torch.from_numpy(np.random.default_rng(0).random((COUNT, 2)))
     known = torch.exp(-torch.cdist(places, places))
     numbers = [3, *range(COUNT)]
-    shape, off, factor = kriged(vertices, known[numbers][:, numbers])
+    shape, off, factor = kriged(vertices, known[numbers][:, numbers], nugget=1e-9)
     assert torch.allclose(shape, vertices[3], atol=1e-6)
     assert torch.linalg.solve(factor, off.flatten(1)).abs().max() < 1e-4
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_kernel_is_the_one_of_the_highest_likelihood(seed):
+    """By scipy's density of differences from the mean, at the most probable variance of all coordinates."""
+    model, masks = templates(seed=seed)
+    flat = model.shapes.flatten(1).double().numpy()
+    pixels = (model.masks[:, 0].flatten(1).double() / 255).numpy()
+    both = pixels @ pixels.T
+    overlap = both / (pixels.sum(axis=1)[:, None] + pixels.sum(axis=1) - both)
+    directions, likely = np.linalg.svd(np.ones((1, COUNT)))[2][1:], {}  # which the mean is not along
+    apart = directions @ flat
+    for scale in SCALES:
+        for nugget in NUGGETS:
+            covariance = directions @ (np.exp(scale * (overlap - 1)) + nugget * np.eye(COUNT)) @ directions.T
+            variance = (apart * np.linalg.solve(covariance, apart)).sum() / apart.size
+            density = multivariate_normal(np.zeros(COUNT - 1), variance * covariance)
+            likely[scale, nugget] = density.logpdf(apart.T).sum()
+    assert tuple(likely_kernel(model.shapes, model.masks[:, 0]).tolist()) == max(likely, key=likely.get)
+    assert Templates(model.shapes, model.masks).kernel.tolist() == list(max(likely, key=likely.get))
+
+
+def test_a_kernel_that_shapes_were_drawn_with_is_found_again():
+    random = np.random.default_rng(0)
+    masks = torch.from_numpy((random.random((120, 1, 8, 8)) < random.random((120, 1, 1, 1))).astype(np.uint8) * 255)
+    pixels = masks.flatten(1) / 255
+    covariance = np.exp(0.5 * (alike(pixels).numpy() - 1)) + 0.02 * np.eye(120)
+    shapes = np.linalg.cholesky(covariance) @ random.standard_normal((120, 3000))
+    assert likely_kernel(torch.from_numpy(shapes).unflatten(1, (1000, 3)), masks[:, 0]).tolist() == [0.5, 0.02]
 
 
 @pytest.mark.parametrize(("number", "rounds"), [(4, 1), (4, 3), (5, 3), (7, 3)])
@@ -207,7 +252,7 @@ def test_an_object_is_its_own_template_unless_it_is_excluded():
 @pytest.mark.parametrize("excluded", [-1, 0])
 def test_of_a_single_template_every_start_is_made(excluded):
     model, masks = templates()
-    only = Templates(model.shapes[:1], model.masks[:1])
+    only = Templates(model.shapes[:1], model.masks[:1], KERNEL)
     given = {"mask": masks[:2, 0], "camera_number": torch.zeros(2, dtype=torch.int64)}
     start = only(given | {"excluded": torch.full((2,), excluded)})
     assert torch.equal(start, only.shapes[:, vision_atlas().position].transpose(0, 1).expand_as(start))
