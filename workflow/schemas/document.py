@@ -43,6 +43,7 @@ def dataset_tables() -> dict[str, str]:
         (stage, f"`{name}`", spec.axes, spec.dtype, spec.unit, f"{spec.meaning}{'; optional' if spec.optional else ''}")
         for stage, store in CONTRACT.items()
         for name, spec in store.arrays.items()
+        if name != "object"  # every store has it: the page says so once
     ]
     specs = [spec for store in CONTRACT.values() for spec in store.arrays.values()]
     axes = dict.fromkeys(axis for spec in specs for axis in zip(spec.shape, spec.dimensions, strict=True))
