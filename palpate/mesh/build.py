@@ -82,16 +82,17 @@ def build(
         "repairs": repaired.counts,
         "visual.glb": _describe(vertices, faces) | {"see_through": see_through},
     }
-    record["collision.ply"] = _write_collision(folder / "collision.ply", vertices, faces, collision_faces)
+    level = decimate(vertices, faces, collision_faces)
+    collision = trimesh.Trimesh(*level, process=False, validate=False)
+    collision.export(folder / "collision.ply", file_type="ply", vertex_normal=False)
+    record["collision.ply"] = {"asked": collision_faces} | _describe(*level)
     (folder / "mesh.json").write_text(json.dumps(record, indent=1) + "\n")
     return record
 
 
 def size(source: Path, extent: float, scale: str | float, unit: float) -> tuple[float, float]:
-    """Diagonal (m) of an object's box and factor from its file's unit to metres.
-
-    extent: the diagonal in that unit; unit: metres of the unit that the file states; scale: as for `prepare`.
-    """
+    """Diagonal (m) of an object's box and factor from its file's unit to metres; extent: the diagonal in that unit;
+    unit: metres of the unit that the file states; scale: as for `prepare`."""
     if scale == "diagonal":
         return DIAGONAL, DIAGONAL / extent
     factor = unit if scale == "keep" else float(scale)
@@ -125,7 +126,11 @@ def joined(parts: Sequence[trimesh.Trimesh], source: Path) -> tuple[np.ndarray, 
             f"{source}: its bounding box has a diagonal of {diagonal:g}, so it has no size to scale: "
             "export an object that has an extent"
         )
-    rounding = _single_rounding(vertices[used])
+    with np.errstate(over="ignore"):
+        single = vertices[used].astype(np.float32)
+    # Coordinates were rounded to single precision if each is a number of it, and some use its last digit.
+    rounded = (single == vertices[used]).all() and (single.view(np.int32) & 1).any()
+    rounding = float(np.spacing(np.abs(single).max())) / 2 if rounded else 0.0
     if rounding > COARSEST * diagonal:
         raise UnusableObject(
             f"{source}: {np.abs(vertices[used]).max():g} from the origin, its coordinates are rounded by up "
@@ -136,18 +141,6 @@ def joined(parts: Sequence[trimesh.Trimesh], source: Path) -> tuple[np.ndarray, 
     return vertices, faces, part
 
 
-def _single_rounding(vertices: np.ndarray) -> float:
-    """Largest rounding of coordinates (n, 3) to single precision; 0 if they were not rounded.
-
-    They were if each is a number of single precision, and some use its last digit.
-    """
-    with np.errstate(over="ignore"):
-        single = vertices.astype(np.float32)
-    if not (single == vertices).all() or not (single.view(np.int32) & 1).any():
-        return 0.0
-    return float(np.spacing(np.abs(single).max())) / 2
-
-
 def _rewrite(
     mesh: trimesh.Trimesh, turn: np.ndarray, centre: np.ndarray, scale: float, keep: np.ndarray, flip: np.ndarray
 ) -> None:
@@ -156,16 +149,14 @@ def _rewrite(
     faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
     mesh.vertices = (mesh.vertices @ turn.T - centre) * scale
     mesh.faces = faces
-    if not keep.all():
-        mesh.update_faces(keep)
-    used = np.zeros(len(mesh.vertices), dtype=bool)
-    used[mesh.faces] = True
+    mesh.update_faces(keep)
+    used = np.isin(np.arange(len(mesh.vertices)), mesh.faces)
     mesh.update_vertices(used)
     if normals is not None and len(mesh.faces):
         normals = (normals @ turn.T)[used]
         against = np.einsum("ij,ij->i", normals, mesh.vertex_normals) < 0
-        turned = np.where(against[:, None], -normals, normals)
-        mesh.vertex_normals = turned  # type: ignore[method-assign]  # of a cached property with a setter
+        # Of a cached property with a setter.
+        mesh.vertex_normals = np.where(against[:, None], -normals, normals)  # type: ignore[method-assign]
 
 
 def _complete(tree: dict[str, Any], wraps: Sequence[tuple[str, str] | None]) -> None:
@@ -202,11 +193,3 @@ def _describe(vertices: np.ndarray, faces: np.ndarray) -> dict[str, Any]:
         "volume": float(np.einsum("ij,ij->", corner[:, 0], cross) / 6) if closed else None,
         "bounding_box": [corner.min(axis=(0, 1)).tolist(), corner.max(axis=(0, 1)).tolist()],
     }
-
-
-def _write_collision(path: Path, vertices: np.ndarray, faces: np.ndarray, count: int) -> dict[str, Any]:
-    """Write the mesh decimated to `count` faces; returns its record."""
-    level = decimate(vertices, faces, count)
-    mesh = trimesh.Trimesh(*level, process=False, validate=False)
-    mesh.export(path, file_type="ply", vertex_normal=False)
-    return {"asked": count} | _describe(*level)

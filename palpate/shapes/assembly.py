@@ -1,7 +1,11 @@
-"""Assembles solids with materials into closed, textured meshes of a bounded number of faces."""
+"""Solids with materials become closed, textured meshes of a bounded number of faces, smoothly deformed as a whole.
+
+Deformations move vertices only, so closed solids stay closed; bounds of the parameters keep neighbours in their order.
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import trimesh
@@ -22,6 +26,8 @@ EDGE, SHORTER, LONGER = 0.05, 0.7, 1.5
 SLIVER = 3e-6
 # Metres. Vertices as near as this may become equal in a file; then they are moved this far into the solid.
 TOUCH, GAP = 5e-7, 1e-5
+# Waves of the smooth random warp, and the most periods of one across the object's box.
+WAVES, PERIODS = 4, 0.8
 
 
 @dataclass(frozen=True)
@@ -33,11 +39,9 @@ class Part:
     uv: Callable[[np.ndarray], np.ndarray] = across
 
 
-def assemble(parts: Iterable[Part], deform: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> trimesh.Scene:
-    """One closed mesh a material, in the order in which materials first appear.
-
-    deform: moves vertices (n, 3) of an object with bounds (2, 3). Pictures are laid on before.
-    """
+def assemble(parts: Iterable[Part], p: SimpleNamespace, axes: tuple[int, int], seed: int) -> trimesh.Scene:
+    """One closed mesh a material, in the order in which materials first appear; pictures are laid on, and then it is
+    `deformed`, whose arguments the others are."""
     by_material: dict[str, list[Part]] = {}
     for part in parts:
         by_material.setdefault(part.material.name, []).append(part)
@@ -51,7 +55,8 @@ def assemble(parts: Iterable[Part], deform: Callable[[np.ndarray, np.ndarray], n
         vertices = np.asarray(raw.vert_properties)[:, :3]
         uv = part.uv(vertices) if part.material.picture else np.zeros((len(vertices), 2))
         visual = TextureVisuals(uv=uv, material=part.material.to_pbr())
-        mesh = trimesh.Trimesh(apart(deform(vertices, bounds), faces), faces, visual=visual, process=False)
+        moved = deformed(vertices, bounds, p, axes, seed)
+        mesh = trimesh.Trimesh(apart(moved, faces), faces, visual=visual, process=False)
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     return scene
 
@@ -63,11 +68,8 @@ def bounds_of(solids: Iterable[Manifold]) -> np.ndarray:
 
 
 def apart(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Vertices (n, 3), those that touch another moved inwards by `GAP`.
-
-    Solids that touch along an edge are closed as long as each has its own vertices there, but a loader
-    merges equal vertices, and an edge of four faces is closed no more.
-    """
+    """Vertices (n, 3), those that touch another moved inwards by `GAP`: solids that touch along an edge are closed, but
+    a loader merges equal vertices, and an edge of four faces is closed no more."""
     pairs = cKDTree(vertices).query_pairs(TOUCH, output_type="ndarray")
     if len(pairs) == 0:
         return vertices
@@ -96,3 +98,37 @@ def bounded_faces(solids: dict[str, Manifold]) -> dict[str, Manifold]:
             edge *= SHORTER if too_few else LONGER
             refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
     return refined
+
+
+def deformed(
+    vertices: np.ndarray, bounds: np.ndarray, p: SimpleNamespace, axes: tuple[int, int], seed: int
+) -> np.ndarray:
+    """Vertices (n, 3), moved. bounds: (2, 3) of the whole object; p: has the parameters of the group `form`; axes: of
+    0, 1, 2 the one from end to end, and that towards which it bends; seed: of phases and directions of the waves."""
+    rng, (long_axis, bend_axis) = np.random.default_rng(seed), axes
+    low, extent = bounds[0], np.maximum(bounds[1] - bounds[0], 1e-9)
+    unit = (vertices - low) / extent
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    stretch = np.array([p.stretch_x, p.stretch_y, p.stretch_z])
+    unit = unit + stretch / (2 * np.pi) * (np.sin(2 * np.pi * unit + phase) - np.sin(phase))
+    waves = rng.uniform(-PERIODS, PERIODS, (WAVES, 3)), rng.uniform(0, 2 * np.pi, WAVES), rng.normal(size=(WAVES, 3))
+    warp = np.sin(2 * np.pi * unit @ waves[0].T + waves[1]) @ waves[2]
+    # The end at the bottom of a long axis z stays flat: that axis does not move by the waves.
+    warp[:, long_axis] = 0
+    unit = unit + p.warp * warp / np.abs(waves[2]).sum(axis=0)
+    side_axis = 3 - long_axis - bend_axis
+    place, middle = low + unit * extent, low + extent / 2
+    along, across, aside = (place[:, axis] - middle[axis] for axis in (*axes, side_axis))
+    length = extent[long_axis]
+    share = along / length
+    across, aside = across * (1 + 2 * (p.taper + p.flare) * share), aside * (1 + 2 * p.taper * share)
+    angle = np.radians(p.twist) * share
+    across, aside = across * np.cos(angle) - aside * np.sin(angle), across * np.sin(angle) + aside * np.cos(angle)
+    if abs(p.bend) > 0.1:
+        turn = np.radians(p.bend)
+        radius = length / turn
+        along, across = (radius - across) * np.sin(turn * share), radius - (radius - across) * np.cos(turn * share)
+    across = across + p.lean * length * (share + 0.5) ** 2
+    result = np.empty_like(vertices)
+    result[:, [*axes, side_axis]] = np.column_stack([along, across, aside])
+    return result + middle

@@ -14,9 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
-from palpate.shapes.deformation import form
 from palpate.shapes.materials import Material, choose
-from palpate.shapes.parameters import read
 from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, loft, prism, rod, superellipse, sweep, union
 
 AXES = (1, 2)
@@ -25,8 +23,6 @@ EDGE = 0.0004
 POINT = 0.0012  # m, height of a blade at its very tip
 STATIONS = 90  # along a blade
 Line = Callable[[ArrayLike], np.ndarray]  # heights z at shares of a length
-
-PARAMETERS, STYLES = read("knife", form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04))
 
 
 def build(p: SimpleNamespace, rng: Generator) -> list[Part]:

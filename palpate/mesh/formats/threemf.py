@@ -13,8 +13,7 @@ from lxml import etree
 from trimesh import Trimesh
 
 from palpate.mesh.files import Files
-from palpate.mesh.formats.corners import numbers
-from palpate.mesh.part import Loaded, make_part
+from palpate.mesh.part import Loaded, make_part, numbers
 
 Element = Any  # of lxml, which states no types
 MOST_UNPACKED, LARGEST_RATIO = 500e6, 100  # bytes of an unpacked file; these over its own, where 10 is common
