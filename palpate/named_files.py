@@ -1,10 +1,7 @@
-"""The files that a mesh file names: which they are, where they are, how large their pictures are.
-
-No mesh is loaded. Reading takes time in proportion to the file, of which no more than `MOST` bytes are searched. Names
-that can't be a file's, and what is no regular file (a pipe, a device), count as missing.
+"""The files that a mesh file names: which they are, where they are, how large their pictures are; no mesh is loaded.
 
 obj: material libraries, and the textures that these name. gltf, glb: buffers and images. dae: images. ply: textures
-(`comment TextureFile`). stl, off, 3mf: none.
+(`comment TextureFile`). stl, off, 3mf: none. What is no regular file (a pipe, a device) counts as missing.
 """
 
 import contextlib
@@ -12,7 +9,6 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -47,10 +43,8 @@ def unusable(path: Path | str) -> str:
 
 
 def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
-    """The files, relative to the mesh's folder and sorted, that a mesh file names and that exist below root.
-
-    root: as for `find`. head: read only so many bytes of an OBJ, which can be long; -1: all of it.
-    """
+    """The files, relative to the mesh's folder and sorted, that a mesh file names and that exist below root, as for
+    `find`; head: read only so many bytes of an OBJ, which can be long; -1: all of it."""
     suffix = path.suffix.lower()
     if suffix not in (".obj", ".glb", *PATTERNS) or unusable(path) or not path.is_file():
         return []
@@ -141,26 +135,19 @@ def find(path: Path, name: str, root: Path | str | None = None) -> str | None:
     leading slash, and its last part beside the mesh. root: the folder that it has to be in; default: the one
     above the mesh's. Links on the way to the mesh, and within the folders that it names, may lead anywhere.
     """
-    places = (place for place in _places(name) if os.path.isfile(path.parent / place))
-    return next((place for place in places if _inside(path, place, root)), None)
+    plain = name.strip().replace("\\", "/")
+    bare = without_comment(plain).strip('"')
+    for form in dict.fromkeys((plain, bare, unquote(plain), unquote(bare))) if len(name) <= LONGEST else ():
+        in_folders = (str(PurePosixPath(folder, form)) for folder in FOLDERS)
+        for place in (*in_folders, form.lstrip("/"), os.path.basename(form)):
+            if os.path.isfile(path.parent / place) and _inside(path, place, root):
+                return place
+    return None
 
 
 def is_outside(path: Path, name: str, root: Path | str | None = None) -> bool:
     """Whether a file that a mesh file names exists, but outside the root of `find`."""
     return find(path, name, root) is None and find(path, name, "/") is not None
-
-
-def _places(name: str) -> Iterator[str]:
-    """Where a file of this name may be, seen from the mesh's folder, the best place first."""
-    if len(name) > LONGEST:
-        return
-    plain = name.strip().replace("\\", "/")
-    bare = without_comment(plain).strip('"')
-    for form in dict.fromkeys((plain, bare, unquote(plain), unquote(bare))):
-        for folder in FOLDERS:
-            yield str(PurePosixPath(folder, form))
-        yield form.lstrip("/")
-        yield os.path.basename(form)
 
 
 def _inside(path: Path, place: str, root: Path | str | None) -> bool:
@@ -191,20 +178,15 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
                     files.append(io.BytesIO(glb.read(min(view["byteLength"], 1 << 20))))
     total = 0
     for picture in files:
-        try:
-            with PIL.Image.open(picture) as image:
-                width, height = image.size
-        except Exception:  # whatever a broken file makes a reader trip over: the meshes stage names it
-            continue
-        total += width * height if max(width, height) <= LARGEST_SIDE else 0
+        # Whatever a broken file makes a reader trip over: the meshes stage names it.
+        with contextlib.suppress(Exception), PIL.Image.open(picture) as image:
+            total += image.width * image.height if max(image.size) <= LARGEST_SIDE else 0
     return total
 
 
 def gltf_tree(path: Path, most: int | None = None) -> tuple[dict[str, Any], int]:
-    """The JSON of a .gltf or .glb file, and where a .glb's binary data begin.
-
-    Raises ValueError if it is damaged, nested too deep, or longer than `most` bytes.
-    """
+    """The JSON of a .gltf or .glb file, and where a .glb's binary data begin. Raises ValueError if it is damaged, nested
+    too deep, or longer than `most` bytes."""
     length = start = 0
     with open(path, "rb") as file:
         if path.suffix.lower() == ".glb":

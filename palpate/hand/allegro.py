@@ -15,10 +15,8 @@ from palpate.sensor import DIGIT
 
 
 def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
-    """The Allegro hand with four DIGITs: 16 joints, four each of index, middle, ring finger and thumb.
-
-    gel_face: m from the sensor frame to the gel's face, of another sensor in the DIGIT's place.
-    """
+    """The Allegro hand with four DIGITs: 16 joints, four each of index, middle, ring finger and thumb; gel_face: m from
+    the sensor frame to the gel's face, of another sensor in the DIGIT's place."""
     given = yaml.safe_load(Path(__file__).with_name("allegro.yaml").read_text(encoding="utf-8"))
     links: list[tuple] = [("palm", -1, (0, 0, 0), np.eye(3))]
     joints: list[tuple] = []
@@ -40,7 +38,9 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     for name, finger in given["fingers"].items():
         link = 0
         for number, phalanx in enumerate(finger["links"]):
-            links.append((f"{name}_{number}", link, phalanx["position"], roll_pitch_yaw(*phalanx["turn"])))
+            # Roll, pitch and yaw about fixed axes, as in a URDF. scipy's rounds otherwise: stored hands would change.
+            x, y, z = rotation_about(np.eye(3), np.array(phalanx["turn"]))
+            links.append((f"{name}_{number}", link, phalanx["position"], z @ y @ x))
             link = len(links) - 1
             joint = len(joints)
             joints.append((link, phalanx["axis"], False, phalanx["range"], links[link][0], joint, (0, 1, 0, 0, 0)))
@@ -54,12 +54,3 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     anchor = np.eye(4)
     anchor[:3, 3] = (palm["x"][1], 0, palm["anchor_height"])
     return Hand.from_rows("allegro", links, joints, geoms, sensors, given["open"], anchor)
-
-
-def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """The rotation matrix of roll, pitch and yaw about fixed x, y and z axes (the URDF convention).
-
-    scipy's `Rotation` rounds otherwise: stored hands would change in their last bit.
-    """
-    about_x, about_y, about_z = rotation_about(np.eye(3), np.array([roll, pitch, yaw]))
-    return about_z @ about_y @ about_x

@@ -2,7 +2,7 @@
 
 Equalities of joints (a URDF's mimic joints among them), closed loops (`connect`, `weld`) and fixed tendons with an
 actuator make one mechanism of several joints, which gets one servo. Where its driver puts the others is solved from the
-model's own constraints; polynomials are fitted to that, of the degree of MuJoCo's equalities of joints.
+model's own constraints; polynomials are fitted to that.
 """
 
 import mujoco
@@ -22,11 +22,8 @@ REMEDY = "write it as `equality/joint`s of one driver with `polycoef`, or delete
 
 class Couplings:
     """Couplings of the J joints with these numbers: `driver` (J,), `coefficients` (J, 5) of powers of the driver's
-    position, and `range` (J, 2), NaN without one.
-
-    Raises ValueError that names the equality, or the joints, for what ties the hand to something else, or is not moved
-    by one servo within `TOLERANCE`.
-    """
+    position, and `range` (J, 2), NaN without one. Raises ValueError that names the equality, or the joints, for what
+    ties the hand to something else, or is not moved by one servo within `TOLERANCE`."""
 
     def __init__(self, model: mujoco.MjModel, joints: list[int]):
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
@@ -97,10 +94,8 @@ class Couplings:
         return violated, np.vstack([slopes, self.tendons])
 
     def _couple(self, members: np.ndarray, moments: np.ndarray) -> None:
-        """Let one of the joints drive the others: one that follows no other by an equality and has an actuator, if any.
-
-        moments: of the actuators that move them.
-        """
+        """Let one of the joints drive the others: one that follows no other by an equality and has an actuator, if any;
+        moments: of the actuators that move them."""
         active = self.data.eq_active.astype(bool)
         follows = np.isin(self.joints, self.model.eq_obj1id[active & (self.model.eq_type == mujoco.mjtEq.mjEQ_JOINT)])
         driver = min(members, key=lambda joint: (follows[joint], not moments[:, joint].any()))

@@ -1,7 +1,4 @@
-"""A robot hand as plain data: a tree of links on hinges and slides, closed geoms, and touch sensors.
-
-Nothing here knows an engine: touch simulation and renderer read the same `Hand` as the grasp simulation.
-"""
+"""A robot hand as plain data: a tree of links on hinges and slides, closed geoms, and touch sensors; no engine."""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -70,23 +67,21 @@ class Hand:
     opposing_sensors: np.ndarray | None = None  # (s,) bool: those on one of two sides of an object; None: not said
 
     def __post_init__(self) -> None:
+        problem, unknown = "", set(self.geom_kind) - set(GEOM_KINDS)
         if not len(self.sensor_link) or self.sensor_thumb.all():
             thumb = " but the thumb's" * bool(len(self.sensor_link))
-            raise ValueError(
-                f"hand {self.name!r} has no touch sensor{thumb}: name one or more sensor frames of other fingers"
-            )
-        if not np.isfinite(self.joint_range).all() or (self.joint_range[:, 0] > self.joint_range[:, 1]).any():
-            raise ValueError(f"hand {self.name!r}: every joint needs a finite range (low, high) in radians or metres")
-        unknown = set(self.geom_kind) - set(GEOM_KINDS)
-        if unknown:
-            raise ValueError(f"hand {self.name!r} has geoms of kind {sorted(unknown)}: use {', '.join(GEOM_KINDS)}")
-        if not self.geom_collides.any():
-            raise ValueError(f"hand {self.name!r} has no geom that collides: its fingers would pass through objects")
-        if not SMALLEST <= self.length() <= LARGEST:
-            raise ValueError(
-                f"hand {self.name!r} is {self.length():.3g} m from end to end, not {SMALLEST:g} to"
-                f" {LARGEST:g} m: give all lengths in metres"
-            )
+            problem = f"has no touch sensor{thumb}: name one or more sensor frames of other fingers"
+        elif not np.isfinite(self.joint_range).all() or (self.joint_range[:, 0] > self.joint_range[:, 1]).any():
+            problem = "has a joint without a finite range (low, high) in radians or metres: give it one"
+        elif unknown:
+            problem = f"has geoms of kind {sorted(unknown)}: use {', '.join(GEOM_KINDS)}"
+        elif not self.geom_collides.any():
+            problem = "has no geom that collides: its fingers would pass through objects"
+        elif not SMALLEST <= (length := self.length()) <= LARGEST:
+            limits = f"{SMALLEST:g} to {LARGEST:g} m: give all lengths in metres"
+            problem = f"is {length:.3g} m from end to end, not {limits}"
+        if problem:
+            raise ValueError(f"hand {self.name!r} {problem}")
 
     @classmethod
     def from_rows(
@@ -99,10 +94,8 @@ class Hand:
         open_joint_positions: Sequence[float] | np.ndarray,
         palm_anchor: np.ndarray,
     ) -> "Hand":
-        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order.
-
-        All its geoms that collide do so with each other, but for those of `adjacent_links`.
-        """
+        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order. All its geoms
+        that collide do so with each other, but for those of `adjacent_links`."""
         values: dict[str, Any] = {}
         for group, rows in {"link": links, "joint": joints, "geom": geoms, "sensor": sensors}.items():
             attributes = [field.name for field in fields(cls) if field.name.startswith(f"{group}_")]
@@ -131,13 +124,11 @@ class Hand:
         """Metres (s,) from each sensor's origin to where its +x axis leaves its link's geoms; 0 if it misses them."""
         link_pose = self.forward(np.eye(4), self.open_joint_positions)
         position, rotation = self.sensor_frames(link_pose)
-        along = np.linspace(0, GEL_SEARCH, 501)
-        distances = np.zeros(len(self.sensor_link))
-        for sensor, link in enumerate(self.sensor_link):
-            ray = position[sensor] + along[:, None] * rotation[sensor][:, 0]
-            inside = self.signed_distance(ray, link_pose, links=[link]) < 0
-            distances[sensor] = along[inside].max() if inside.any() else 0.0
-        return distances
+        along, distances = np.linspace(0, GEL_SEARCH, 501), []
+        for link, start, axes in zip(self.sensor_link, position, rotation, strict=True):
+            inside = self.signed_distance(start + along[:, None] * axes[:, 0], link_pose, links=[link]) < 0
+            distances.append(along[inside].max(initial=0.0))
+        return np.array(distances)
 
     def forward(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> np.ndarray:
         """World poses (..., L, 4, 4) of links for palm_pose (..., 4, 4) and joint_positions (..., J), broadcast."""
@@ -171,11 +162,8 @@ class Hand:
     @cached_property
     def geom_planes(self) -> tuple[np.ndarray, ...]:
         """Half spaces (P, 4) of each geom that is a colliding mesh, as `half_spaces` gives them; empty for others."""
-        meshes = self.geom_collides & (np.array(self.geom_kind) == "mesh")
-        return tuple(
-            half_spaces(vertices) if mesh else np.zeros((0, 4))
-            for mesh, vertices in zip(meshes, self.geom_vertices, strict=True)
-        )
+        meshes = zip(self.geom_collides & (np.array(self.geom_kind) == "mesh"), self.geom_vertices, strict=True)
+        return tuple(half_spaces(vertices) if mesh else np.zeros((0, 4)) for mesh, vertices in meshes)
 
     @property
     def drivers(self) -> np.ndarray:
@@ -220,10 +208,8 @@ class Hand:
     def signed_distance(
         self, points: np.ndarray, link_pose: np.ndarray, links: Collection[int] | None = None
     ) -> np.ndarray:
-        """Signed distance (N,) of points (N, 3) to the colliding geoms, negative inside: closed forms.
-
-        link_pose: (L, 4, 4) in the points' frame. links: only the geoms of these links (default: all).
-        """
+        """Signed distance (N,) of points (N, 3) to the colliding geoms (of these links), negative inside: closed forms;
+        link_pose: (L, 4, 4) in the points' frame."""
         poses = self.geom_poses(link_pose)
         nearest = np.full(len(points), np.inf)
         for geom in np.flatnonzero(self.geom_collides):
@@ -232,19 +218,13 @@ class Hand:
         return nearest
 
     def adjacent_links(self) -> np.ndarray:
-        """Which links never collide with each other, (L, L) bool: rigidly joined, or one joint apart.
-
-        Links without colliding geoms (the joints of a body with several hinges) don't count between others.
-        """
-        count = len(self.link_names)
-        solid = np.zeros(count, dtype=bool)
-        solid[self.geom_link[self.geom_collides]] = True
-        rigid = np.arange(count)  # the first link of the rigid body that a link belongs to
-        for link in range(1, count):
+        """Which links never collide with each other, (L, L) bool: rigidly joined, or one joint apart. Links without
+        colliding geoms (the joints of a body with several hinges) don't count between others."""
+        rigid = np.arange(len(self.link_names))  # the first link of the rigid body that a link belongs to
+        for link in range(1, len(rigid)):
             if self.joint_of_link[link] < 0:
                 rigid[link] = rigid[self.link_parent[link]]
-        has_geoms = np.zeros(count, dtype=bool)
-        np.logical_or.at(has_geoms, rigid, solid)
+        has_geoms = np.isin(np.arange(len(rigid)), rigid[self.geom_link[self.geom_collides]])
         adjacent = rigid[:, None] == rigid[None, :]
         for first in np.unique(rigid):
             before = self.link_parent[first]
@@ -260,16 +240,13 @@ class Hand:
         arrays: dict[str, np.ndarray] = {}
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is None:
-                continue
             if field.name in ("geom_vertices", "geom_faces"):
                 arrays[field.name] = np.concatenate([np.reshape(array, (-1, 3)) for array in value])
                 arrays[f"{field.name}_count"] = np.array([len(array) for array in value])
             elif isinstance(value, np.ndarray):
                 arrays[field.name] = value
-            else:
-                names = [value] if isinstance(value, str) else list(value)
-                arrays[field.name] = np.array([name.encode() for name in names])
+            elif value is not None:
+                arrays[field.name] = np.array([name.encode() for name in np.atleast_1d(value)])
         return arrays
 
     @classmethod
@@ -302,11 +279,8 @@ def rotation_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def signed_distance(kind: str, size: np.ndarray, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Signed distance (N,) of points (N, 3) to a geom in its own frame.
-
-    size: (3,) as in `Hand`; planes: (P, 4) of a mesh, see `half_spaces`. Exact, but outside a mesh, where it is never
-    farther than the true one. It changes by at most 1 m a metre.
-    """
+    """Signed distance (N,) of points (N, 3) to a geom in its own frame. size: (3,) as in `Hand`; planes: (P, 4) of a
+    mesh, see `half_spaces`. Exact, but outside a mesh, where it is never farther than the true one."""
     if kind == "mesh":
         return (points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     if kind == "sphere":
@@ -315,7 +289,20 @@ def signed_distance(kind: str, size: np.ndarray, points: np.ndarray, planes: np.
         excess = np.abs(points) - size
         return np.linalg.norm(np.maximum(excess, 0), axis=1) + np.minimum(excess.max(axis=1), 0)
     if kind == "ellipsoid":
-        return ellipsoid_distance(size, points)
+        # The nearest point of the surface has coordinates a^2 p / (a^2 + t) for half axes a and the greatest t for
+        # which they are on it, found by bisection from the least it can be (Eberly 2013, "Distance from a Point to an
+        # Ellipse, an Ellipsoid, or a Hyperellipsoid").
+        points = np.maximum(np.abs(points), 1e-15)  # in a plane of symmetry the nearest point need not be in it
+        scaled, squares = size * points, np.square(size)
+        beyond = squares - squares.min()  # t + a^2, less that of the shortest axis
+        low, high = scaled[:, np.argmin(size)], np.linalg.norm(scaled, axis=1)
+        for _ in range(50):  # to rounding
+            middle = np.sqrt(low * high)
+            outside = np.square(scaled / (middle[:, None] + beyond)).sum(axis=1) > 1
+            low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+        nearest = size * scaled / (high[:, None] + beyond)
+        sign = np.where(np.square(points / size).sum(axis=1) < 1, -1, 1)
+        return sign * np.linalg.norm(points - nearest, axis=1)
     radius, half_length, _ = size
     if kind == "capsule":
         along = np.clip(points[:, 2], -half_length, half_length)
@@ -323,26 +310,6 @@ def signed_distance(kind: str, size: np.ndarray, points: np.ndarray, planes: np.
     radial, axial = np.linalg.norm(points[:, :2], axis=1) - radius, np.abs(points[:, 2]) - half_length
     outside = np.hypot(np.maximum(radial, 0), np.maximum(axial, 0))
     return outside + np.minimum(np.maximum(radial, axial), 0)
-
-
-def ellipsoid_distance(half_axes: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Signed distance (N,) of points (N, 3) to the ellipsoid with these half axes (3,), negative inside.
-
-    The nearest point of the surface has coordinates a^2 p / (a^2 + t) for half axes a and the greatest t for which they
-    are on it; t is found by bisection, from the least it can be (Eberly 2013, "Distance from a Point to an Ellipse, an
-    Ellipsoid, or a Hyperellipsoid").
-    """
-    points = np.maximum(np.abs(points), 1e-15)  # in a plane of symmetry the nearest point need not be in it
-    scaled, squares = half_axes * points, np.square(half_axes)
-    beyond = squares - squares.min()  # t + a^2, less that of the shortest axis
-    low, high = scaled[:, np.argmin(half_axes)], np.linalg.norm(scaled, axis=1)
-    for _ in range(50):  # to rounding
-        middle = np.sqrt(low * high)
-        outside = np.square(scaled / (middle[:, None] + beyond)).sum(axis=1) > 1
-        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-    nearest = half_axes * scaled / (high[:, None] + beyond)
-    sign = np.where(np.square(points / half_axes).sum(axis=1) < 1, -1, 1)
-    return sign * np.linalg.norm(points - nearest, axis=1)
 
 
 def half_spaces(vertices: np.ndarray) -> np.ndarray:

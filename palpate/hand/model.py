@@ -21,14 +21,12 @@ LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7  # of links without a volume of their own
 
 
 def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
-    """The hand as an `MjSpec`; bodies, joints and servos are named as their links.
+    """The hand as an `MjSpec`; bodies, joints and servos are named as their links. The palm is fixed to the world.
 
-    Joints without a servo follow their drivers by equalities. The palm is fixed to the world; its `pos` and `quat` in
-    the model may change between simulations. `stiffness`: the servos' gain in N m / rad (of slides / ARM^2, N / m),
-    critically damped against the armature. Links have the density of water, or less where the servos couldn't stop them
-    in time (`LARGEST_INERTIA`); a user's masses, gains and armature play no part.
-
-    Omitted are geoms that are only drawn, and contacts of the hand with itself that are not in its `colliding_pairs`.
+    Joints without a servo follow their drivers by equalities. `stiffness`: the servos' gain in N m / rad (of slides
+    / ARM^2, N / m), critically damped against the armature. Links have the density of water, or less where the servos
+    couldn't stop them in time (`LARGEST_INERTIA`). Omitted are geoms that are only drawn, and contacts of the hand with
+    itself that are not in its `colliding_pairs`.
     """
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
@@ -72,14 +70,8 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         )
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
-    add_exclusions(spec, hand)
-    lighten(spec, hand.open_joint_positions)
-    return spec
-
-
-def add_exclusions(spec: mujoco.MjSpec, hand: Hand) -> None:
-    """Exclude from contact two links unless each geom of one collides with each of the other, and adjacent ones; their
-    pairs that do collide are named one by one."""
+    # No contact of two links unless each geom of one collides with each of the other, and of adjacent ones; their pairs
+    # that do collide are named one by one.
     count = np.bincount(hand.geom_link[hand.geom_collides], minlength=len(hand.link_names))
     colliding = np.zeros((len(count), len(count)), dtype=int)
     links = hand.geom_link[hand.colliding_pairs]
@@ -89,6 +81,8 @@ def add_exclusions(spec: mujoco.MjSpec, hand: Hand) -> None:
         spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
     for one, other in hand.colliding_pairs[excluded[tuple(links.T)]]:
         spec.add_pair(geomname1=f"hand_geom_{one}", geomname2=f"hand_geom_{other}", condim=1)
+    lighten(spec, hand.open_joint_positions)
+    return spec
 
 
 def at_arm(constant: float, slides: bool) -> float:

@@ -1,7 +1,4 @@
-"""What a file is that is no mesh of `palpate.mesh.FORMATS`, by its suffix or its content, and what to do about it.
-
-No engine is loaded.
-"""
+"""What a file is that is no mesh of `palpate.mesh.FORMATS`, by its suffix or its content, and what to do about it."""
 
 import re
 from pathlib import Path

@@ -169,9 +169,8 @@ class _Document:
         nodes = {key: node for root in roots for node in root.iter("node") for key in (node.get("id"), node.get("sid"))}
         frames = [self.frames.get(nodes.get(joint)) for joint in self._values(inputs["JOINT"])]
         if any(frame is None for frame in frames):
-            self.files.note(
-                skin.getparent().get("id"), "a joint is not in the scene: the skin is shown as it was bound"
-            )
+            name = skin.getparent().get("id")
+            self.files.note(name, "a joint is not in the scene: the skin is shown as it was bound")
             return positions, bind
         moves = np.array(frames) @ self._values(inputs["INV_BIND_MATRIX"]).reshape(-1, 4, 4) @ bind
         if np.allclose(moves, moves[0], atol=1e-5 * np.abs(moves[0]).max()):
