@@ -185,8 +185,8 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
 
 
 def gltf_tree(path: Path, most: int | None = None) -> tuple[dict[str, Any], int]:
-    """The JSON of a .gltf or .glb file, and where a .glb's binary data begin. Raises ValueError if it is damaged, nested
-    too deep, or longer than `most` bytes."""
+    """The JSON of a .gltf or .glb file, and where a .glb's binary data begin. Raises ValueError if it is damaged,
+    nested too deep, or longer than `most` bytes."""
     length = start = 0
     with open(path, "rb") as file:
         if path.suffix.lower() == ".glb":

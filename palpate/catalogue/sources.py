@@ -300,8 +300,8 @@ def _warn_of_folders_without(source: Source, class_name: str | None, entries: It
 
 
 def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
-    """One entry for all files that show one object (`palpate.catalogue.variants`): of the best, by `PREFERENCE`, one. Of
-    a layout's patterns that end with a file's name, the first that matches counts."""
+    """One entry for all files that show one object (`palpate.catalogue.variants`): of the best, by `PREFERENCE`, one.
+    Of a layout's patterns that end with a file's name, the first that matches counts."""
     groups: dict[tuple[str, ...], list[SourceObject]] = {}
     for entry in entries:
         is_named_by_file = MESH_SUFFIX.sub("", entry.source).endswith(entry.object)

@@ -28,7 +28,7 @@ ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look l
 
 
 class CatalogueEntry(NamedTuple):
-    """One object's row of `catalogue.csv`; the fields are `COLUMNS`, in their order. A table may lack the later ones."""
+    """One row of `catalogue.csv`; the fields are `COLUMNS`, in their order. A table may lack the later ones."""
 
     object: str
     class_name: str
@@ -276,8 +276,8 @@ def mesh_files(path: Path, root: Path | str) -> list[Path]:
 
 
 def source_checksums(known: Path, files: Mapping[str, Sequence[Path]], root: Path | str) -> dict[str, str]:
-    """The `checksum` of each object by name; empty for a file that is missing, or can't be a mesh's. They decide whether
-    a batch's table is made again.
+    """The `checksum` of each object by name; empty for a file that is missing, or can't be a mesh's. They decide
+    whether a batch's table is made again.
 
     known: <run>/catalogue/.<batch>.json, which keeps sizes and times of each object's files, and their checksum: only
     files with others are read again. files: of each object, as `mesh_files` has them. root: of the sources.

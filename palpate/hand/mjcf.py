@@ -53,8 +53,8 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 
 
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
-    """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link, and for
-    gels that touch in the open hand."""
+    """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link, and
+    for gels that touch in the open hand."""
     hand, messages = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face

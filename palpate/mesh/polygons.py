@@ -52,8 +52,8 @@ def with_holes(rings: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def strip_triangles(corners: np.ndarray, counts: ArrayLike, fan: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of strips or fans, as of `triangulate`: places (t, 3) in `corners`, and the strip (t,) of each. A corner
-    -1 ends a strip. Triangles that name a vertex twice only join strips: they are left out."""
+    """Triangles of strips or fans, as of `triangulate`: places (t, 3) in `corners`, and the strip (t,) of each. A
+    corner -1 ends a strip. Triangles that name a vertex twice only join strips: they are left out."""
     corners, counts = np.asarray(corners, dtype=np.int64), np.asarray(counts, dtype=np.int64)
     owner = np.repeat(np.arange(len(counts)), counts)
     place, begins = np.arange(len(corners)), np.diff(owner, prepend=-1) > 0

@@ -15,8 +15,8 @@ FAMILIES = dict(zip(CLASSES, (bottle, knife, cellphone, rifle), strict=True))
 
 
 def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
-    """Build object `index` of a class: a scene of closed meshes, one a material, of 5,000 to 50,000 faces; metres, z up.
-    The same arguments give the same object. Raises ValueError for an unknown class or a negative index."""
+    """Build object `index` of a class: a scene of closed meshes, one a material, of 5,000 to 50,000 faces; metres, z
+    up. The same arguments give the same object. Raises ValueError for an unknown class or a negative index."""
     name, rng = style_and_rng(class_name, index, seed)
     family, p = FAMILIES[class_name], draw(rng, name, **read(class_name))
     waves = int(rng.integers(2**32))

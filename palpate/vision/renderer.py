@@ -73,8 +73,7 @@ class Renderer:
 
     samples: Cycles' samples a pixel for the colours. device: "cpu", "gpu", or "auto": a GPU if Cycles finds one.
     threads: of the CPU. exr: a folder that keeps every image as a multilayer EXR file with 32 bit floats, or None.
-    centres: whether mask and depth are rendered at the pixels' centres; else they are those of Cycles' first sample,
-    which figures, that show colours, do as well with.
+    centres: whether mask and depth are rendered at the pixels' centres, else those of Cycles' first sample are taken.
     Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed. The
     steps of a picture are methods, for `studies/omitted` to replace.
     """
@@ -116,18 +115,16 @@ class Renderer:
         self._plastic = _coloured_material("plastic", ROUGHNESS)
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
-        """The object of a scene alone, and with the hand in each of its g grasps, over the scene's background.
-
-        Raises what `render_cameras` raises.
-        """
+        """The object of a scene alone, and with the hand in each of its g grasps, over the scene's background; raises
+        as `render_cameras`."""
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """The images that `render` gives, from each of the cameras instead of the scene's own.
+        """The images that `render` gives, from each of the cameras instead of the scene's own. EXR files are named
+        after the object, and the number of the camera if it is not the first.
 
-        EXR files are named after the object, and the number of the camera if it is not the first. Raises UnusableObject
-        if the object's file can't be read or holds no triangles, or if an image of the object alone doesn't show it;
-        the next scene renders all the same.
+        Raises UnusableObject if the object's file can't be read or holds no triangles, or if an image of the object
+        alone doesn't show it; the next scene renders all the same.
         """
         self._take_hand(scene.hand)
         grasps = range(len(scene.link_pose))
@@ -139,9 +136,8 @@ class Renderer:
             for shot, suffix in shots:
                 unoccluded.append(self.draw_unoccluded(shot, points, suffix))
                 if not unoccluded[-1].image(None).mask.any():
-                    size = shot.camera.size
                     raise UnusableObject(
-                        f"{scene.visual_file}: no pixel of {size} x {size} shows the object"
+                        f"{scene.visual_file}: no pixel of {shot.camera.size} x {shot.camera.size} shows the object"
                         f"{suffix.replace('-', ' ')}: make its materials less transparent, or the object thicker"
                     )
             occluded = [[self.draw_occluded(shot, points, grasp, suffix) for grasp in grasps] for shot, suffix in shots]
@@ -161,11 +157,8 @@ class Renderer:
         return self.draw(scene.camera, points, f"{scene.name}-grasp-{grasp}{suffix}")
 
     def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
-        """The object of a scene alone over white, from each of the cameras instead of its own.
-
-        The file is read once. The lamps go with the camera, so that no view shows the dark side. Raises
-        UnusableObject if the file can't be read or holds no triangles.
-        """
+        """The object of a scene alone over white, from each of the cameras instead of its own. The lamps go with the
+        camera, so that no view shows the dark side. Raises UnusableObject as `render_cameras` for the file."""
         self._take_hand(None)
         with self._temporary_data():
             lamps = self._light(scene.lights, scene.object_position)
@@ -184,11 +177,8 @@ class Renderer:
         camera: Camera | None = None,
         background: tuple[float, float, float] | None = WHITE,
     ) -> Image:
-        """Meshes and a hand from any viewpoint, for figures; the mask has all but the hand. Files: `render`.
-
-        link_pose: (L, 4, 4) of the hand's links, if there is one. camera: default, the paper's. background: linear RGB;
-        None is transparent.
-        """
+        """Meshes and a hand from any viewpoint, for figures; the mask has all but the hand. link_pose: (L, 4, 4) of the
+        hand's links. camera: default, the paper's. background: linear RGB; None is transparent."""
         self._take_hand(hand)
         with self._temporary_data():
             self._light(LIGHTS, OBJECT_POSITION)
@@ -249,9 +239,7 @@ class Renderer:
                 bodies.append(body)
             elif body.type != "EMPTY":  # cameras and lamps
                 body.hide_render = True
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = FILE_ROTATION, position
-        self._origin.matrix_world = _matrix(pose)
+        self._origin.matrix_world = _matrix(np.vstack([np.c_[FILE_ROTATION, position], [0, 0, 0, 1]]))
         bpy.context.view_layer.update()
         world = [np.zeros((0, 3))]
         for body in bodies:
@@ -287,10 +275,8 @@ class Renderer:
         return lamps
 
     def draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
-        """Render what is in Blender, its vertices being `points` (n, 3); keep it if masters are kept.
-
-        master: the EXR file's name; none keeps nothing.
-        """
+        """Render what is in Blender, its vertices being `points` (n, 3); master: the name of the EXR file that keeps
+        it, if masters are kept."""
         render, lens = self._scene.render, self._camera.data
         render.resolution_x = render.resolution_y = camera.size
         lens.sensor_fit, lens.lens = "HORIZONTAL", camera.focal_length / camera.size * lens.sensor_width
@@ -301,8 +287,7 @@ class Renderer:
         if rectangle is None:
             return Layers.empty(camera.size)
         _crop(self._scene.render, camera.size, *rectangle)
-        nearest = np.min(camera.project(points)[1])
-        self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)
+        lens.clip_start = max(min(CLIP_START, np.min(camera.project(points)[1]) / 2), CLIP_START / 1000)
         colour = self.render_layers(self.samples, PIXEL_FILTER)
         point = self.render_centres() if self.centres else colour
         layers = Layers(colour.combined, point.depth, point.object_index)
@@ -329,11 +314,8 @@ class Renderer:
 
     def render_layers(self, samples: int, filter_width: float) -> Layers:
         """Render with a number of samples a pixel and a width (pixels) of the pixel filter; OSError without space."""
-        scene = self._scene
-        scene.cycles.samples = samples
-        scene.cycles.filter_width = filter_width
-        path = self._folder / "picture.exr"
-        scene.render.filepath = str(path)
+        path, cycles = self._folder / "picture.exr", self._scene.cycles
+        cycles.samples, cycles.filter_width, self._scene.render.filepath = samples, filter_width, str(path)
         with blender.quiet():
             bpy.ops.render.render(write_still=True)
         try:
@@ -375,17 +357,14 @@ def _choose_device(device: str) -> str:
 def _set_up_render(scene: Any, threads: int, device: str) -> None:
     """Render settings of all images."""
     render, layer = scene.render, scene.view_layers[0]
-    render.engine = "CYCLES"
-    render.resolution_percentage = 100
+    render.engine, render.resolution_percentage, render.film_transparent = "CYCLES", 100, True
     render.threads_mode, render.threads = "FIXED", threads
-    render.film_transparent = True
     render.use_compositing = render.use_sequencer = False
     render.use_border, render.use_crop_to_border = True, False
     settings = render.image_settings
     settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
     layer.use_pass_z = layer.use_pass_object_index = True
     layer.pass_alpha_threshold = VISIBLE
-
     scene.cycles.device = device.upper()
 
 
@@ -393,12 +372,8 @@ def _lamp(scene: Any, light: Light) -> Any:
     """A lamp, not yet posed. Cameras don't see it, only what it lights."""
     data = bpy.data.lights.new("lamp", light.kind.upper())
     data.energy, data.color = light.energy, linear(light.colour)
-    if light.kind == "sun":
-        data.angle = np.radians(light.size)
-    elif light.kind == "point":
-        data.shadow_soft_size = light.size
-    else:
-        data.size = light.size
+    attribute = {"sun": "angle", "point": "shadow_soft_size", "area": "size"}[light.kind]
+    setattr(data, attribute, np.radians(light.size) if light.kind == "sun" else light.size)
     body = _link(scene, bpy.data.objects.new("lamp", data))
     body.visible_camera = False
     return body
@@ -429,19 +404,16 @@ def _coloured_material(name: str, roughness: float) -> Any:
     """A dielectric whose colour is the mesh's attribute "colour"."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    colour = nodes.new("ShaderNodeAttribute")
-    colour.attribute_name = "colour"
-    surface = nodes["Principled BSDF"].inputs
-    surface["Roughness"].default_value = roughness
-    links.new(colour.outputs["Color"], surface["Base Color"])
+    nodes = material.node_tree.nodes
+    colour, surface = nodes.new("ShaderNodeAttribute"), nodes["Principled BSDF"].inputs
+    colour.attribute_name, surface["Roughness"].default_value = "colour", roughness
+    material.node_tree.links.new(colour.outputs["Color"], surface["Base Color"])
     return material
 
 
 def _blender_object(name: str, mesh: Mesh, material: Any) -> Any:
     """A Blender object with smooth shading and colours, not yet in a scene."""
-    vertices = np.asarray(mesh.vertices, dtype=np.float32)
-    faces = np.asarray(mesh.faces, dtype=np.int32)
+    vertices, faces = np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.int32)
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(vertices))
     data.vertices.foreach_set("co", vertices.ravel())

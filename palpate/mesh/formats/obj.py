@@ -161,8 +161,8 @@ def _corners(
 
 
 def _vertices(table: np.ndarray, files: Files) -> tuple[np.ndarray, np.ndarray | None]:
-    """Positions (n, 3) and colours (n, 3) in 0..1, NaN of a vertex without one; None if no vertex has one. 4 numbers have
-    a weight, by which the others are divided; 6 a colour, and 7 its opacity, which does not count."""
+    """Positions (n, 3) and colours (n, 3) in 0..1, NaN of a vertex without one; None if no vertex has one. 4 numbers
+    have a weight, by which the others are divided; 6 a colour, and 7 its opacity, which does not count."""
     weighted = np.isfinite(table[:, 3]) & np.isnan(table[:, 4])
     weight = np.where(weighted, table[:, 3], 1.0)[:, None]
     if (weight == 0).any():
