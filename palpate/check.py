@@ -1,7 +1,4 @@
-"""A config looked at before its run, in seconds: its objects, its hand, and one object through every stage.
-
-`resolve` is what the workflow checks at its start, too.
-"""
+"""A config looked at before its run, in seconds: its objects, its hand, and one object through every stage."""
 
 import logging
 import re
@@ -27,7 +24,6 @@ from palpate.experiments import Experiments
 from palpate.hand import DURATION, Hand
 from palpate.learning import tuning
 from palpate.learning.recipes import Recipe
-from palpate.mesh.recognise import what_it_is
 from palpate.sensor import Sensor
 
 DEFAULT, SCHEMA = "config/config.yaml", "workflow/schemas/config.schema.yaml"
@@ -73,11 +69,9 @@ def checked(path: str) -> str:
 
 
 def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
-    """What a config that fits the schema means; no mesh is opened. Relative paths are the project's.
-
-    Raises `ConfigError` and `catalogue.CatalogueError`, with the remedy, for a file that is missing or invalid, a
-    source without what is asked of it, keys that contradict each other, and a folder that has another run.
-    """
+    """What a config that fits the schema means; no mesh is opened. Relative paths are the project's. Raises
+    `ConfigError` and `catalogue.CatalogueError`, with the remedy, for a file that is missing or invalid, a source
+    without what is asked of it, keys that contradict each other, and a folder that has another run."""
     folder = str(Path(absolute(config["results"], project), config["run"]))
     catalogue.check_same_run(folder, config, project)
     settings, schemas, training = Path(project, "config"), Path(project, "workflow/schemas"), config["training"]
@@ -126,11 +120,9 @@ say = partial(print, sep="\n", flush=True)
 
 
 def check_config(overlays: Sequence[Path | str], name: str | None = None, picture: Path | None = None) -> None:
-    """Print, a line at a time, what a run with these overlays would work on, and draw its hand and one object.
-
-    name: of the object; without it, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`,
-    which the workflow leaves alone. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them.
-    """
+    """Print, a line at a time, what a run with these overlays would work on, and draw its hand and one object. name: of
+    the object; without it, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`, which the
+    workflow leaves alone. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them."""
     start, project = time.monotonic(), Path(__file__).parents[1]  # an editable install, of the workflow's folder
     if not (project / DEFAULT).is_file():
         raise ConfigError("`palpate check` runs with the workflow: install Palpate with `make env` in its own folder")
@@ -241,7 +233,7 @@ def _unlike_lines(settings: Settings) -> Iterator[str]:
     entries = settings.entries[:: 1 + len(settings.entries) // MOST_READ] if settings.source.kind in LAYOUTS else ()
     for file in (file for entry in entries for file in (entry.source, *entry.others)):
         path = Path(settings.source.path, file)
-        if not named_files.unusable(path) and path.is_file() and (what := what_it_is(path)):
+        if not named_files.unusable(path) and path.is_file() and (what := named_files.what_it_is(path)):
             unlike[what].append(file)
     for what, files in unlike.items():
         yield f"{len(files)} x {what} ({catalogue.listed(files, NAMED)})"
@@ -366,10 +358,8 @@ def make_example(
     entry: SourceObject, root: Path, config: Mapping[str, Any], touch_sensor: Sensor, hand: Hand, scratch: Path
 ) -> dict[str, np.ndarray]:
     """Take an object through every stage, with one grasp and small images, as the run would, and print what came out.
-
     Returns images by each camera, alone and in the hand, and readings: (rows, columns, 3 or 4) uint8 by their titles.
-    Raises `UnusableObject` for an object without a surface.
-    """
+    Raises `UnusableObject` for an object without a surface."""
     from palpate import grasp, mesh, scene, surface, touch
     from palpate.dataset.run import fill_untouched
     from palpate.vision import Renderer

@@ -1,4 +1,4 @@
-"""The files that a mesh file names: which they are, where they are, how large their pictures are; no mesh is loaded.
+"""What a mesh file is by its beginning, and the files that it names: which and where they are; no mesh is loaded.
 
 obj: material libraries, and the textures that these name. gltf, glb: buffers and images. dae: images. ply: textures
 (`comment TextureFile`). stl, off, 3mf: none. What is no regular file (a pipe, a device) counts as missing.
@@ -12,6 +12,8 @@ import re
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
+
+from palpate.configuration import read_yaml
 
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".tga", ".gif", ".webp")
 # Seen from the mesh file's folder: beside it, and where Gazebo's models have them, as Google's scanned objects.
@@ -33,6 +35,20 @@ PATTERNS = {
     ".ply": re.compile(rb"\ncomment[ \t]+texturefile[ \t]+" + NAME, re.IGNORECASE),
 }
 
+_TABLES = read_yaml(Path(__file__).with_name("unread.yaml"))
+# Name and remedy of formats that are not read, by suffix.
+UNREAD: dict[str, tuple[str, str]] = {
+    suffix: (name, remedy)
+    for remedy, formats in _TABLES["unread"].items()
+    for name, suffixes in formats.items()
+    for suffix in suffixes.split()
+}
+_XML = r"(?:<\?xml[^>]*>\s*)?(?:<!--(?s:.*?)-->\s*)*"
+_BEGINNINGS = [
+    (re.compile(rf"\s*(?:{pattern.replace('%XML', _XML)})".encode()), meaning)
+    for pattern, meaning in _TABLES["beginnings"]
+]
+
 
 def unusable(path: Path | str) -> str:
     """Why a path can't be a mesh's, whatever the file holds; empty if it can, or if there is no such file."""
@@ -40,6 +56,19 @@ def unusable(path: Path | str) -> str:
         return "its name is not UTF-8: rename it"
     special = os.path.exists(path) and not os.path.isfile(path)
     return "it is a folder, a pipe or a device, not a regular file: remove it" if special else ""
+
+
+def what_it_is(path: Path | str) -> str:
+    """What a file is by its content, and the remedy, if it is not what its suffix says; else empty."""
+    suffix = Path(path).suffix.lower()
+    with open(path, "rb") as file:
+        head = file.read(4096).removeprefix(b"\xef\xbb\xbf")
+    meaning = next((meaning for pattern, meaning in _BEGINNINGS if pattern.match(head)), suffix)
+    if meaning == suffix or (suffix == ".3mf" and head[:2] == b"PK"):
+        return ""
+    if meaning in UNREAD:
+        return "{} by its content: {}".format(*UNREAD[meaning])
+    return f"{meaning[1:].upper()} by its content: rename it to {meaning}" if meaning[0] == "." else meaning
 
 
 def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:

@@ -91,11 +91,9 @@ DRAWS = 100  # of cameras and lights that have to be possible
 
 
 def draw(settings: Mapping[str, Any], seed: int, name: str) -> dict[str, Any]:
-    """The config's section `vision` for one object: for each range `{from, to}` a uniform number from it.
-
-    Numbers depend on the seed, the object's name and the key (`LOOK`) only. Impossible cameras or lights are drawn
-    again. Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are impossible.
-    """
+    """The config's section `vision` for one object: for each range `{from, to}` a uniform number from it. Numbers
+    depend on the seed, the object's name and the key (`LOOK`) only. Impossible cameras or lights are drawn again.
+    Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are impossible."""
     for attempt in count():
         drawn = dict(settings)
         for key in LOOK:

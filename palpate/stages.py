@@ -48,11 +48,11 @@ class Stage:
         return tuple(dict.fromkeys([self.name] * self.rejects + before))
 
 
-_ROWS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
-STAGES = {
-    name: Stage(name, **{key: tuple(value) if isinstance(value, list) else value for key, value in row.items()})
-    for name, row in _ROWS.items()
-}
+_ROWS: dict[str, dict[str, Any]] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+STAGES: dict[str, Stage] = {}
+for _name, _row in _ROWS.items():
+    _row |= {key: tuple(value) for key, value in _row.items() if isinstance(value, list)}
+    STAGES[_name] = Stage(_name, **_row)
 # What makes a dataset, simulated or read, and the stores among it.
 DATASET_STAGES = (RELEASED, *(stage.name for stage in STAGES.values() if stage.in_dataset))
 DATASET_STORES = tuple(stage.name for stage in STAGES.values() if stage.in_dataset and stage.suffix)

@@ -18,8 +18,7 @@ from palpate.catalogue.object_table import ObjectTable, read_object_table
 from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source, subfolders
 from palpate.catalogue.variants import is_general, of_one_object
 from palpate.configuration import ConfigError
-from palpate.mesh.recognise import UNREAD
-from palpate.named_files import HEAD, unusable
+from palpate.named_files import HEAD, UNREAD, unusable
 from palpate.released.layout import SURFACES, read_released
 
 log = logging.getLogger(__name__)
@@ -127,8 +126,7 @@ def all_classes(source: Source) -> dict[str, Count]:
     changes = table.gives_classes or any(given.exclude == "yes" for given in table.values())
     if source.has_class_folders and not source.pattern and not changes:
         folders = source.class_folders(root)
-        patterns = {folder: [_filled(pattern, folder) for pattern in source.patterns] for folder in folders}
-        full = [folder for folder in folders if any(next(_matches(root, filled), None) for filled in patterns[folder])]
+        full = [folder for folder in folders if any(next(_matches(root, each, folder), "") for each in source.patterns)]
         if empty := [folder for folder in folders if folder not in full]:
             log.warning("%s: no mesh in %s: no classes", root, listed(empty))
         if not full:
@@ -156,10 +154,8 @@ def unread_lines(source: Source) -> list[str]:
 
 
 def class_counts(config: Mapping[str, Any], source: Source) -> dict[str, Count]:
-    """The number of objects, or "all", of each class that a checked config asks for, in its order.
-
-    Raises `ConfigError` for a class that is listed twice, and `CatalogueError` as `all_classes` does.
-    """
+    """The number of objects, or "all", of each class that a checked config asks for, in its order. Raises `ConfigError`
+    for a class that is listed twice, and `CatalogueError` as `all_classes` does."""
     if config["classes"] == "all":
         return all_classes(source)
     rows = [(normalize("NFC", row["class"]), row["objects"]) for row in config["classes"]]
@@ -226,15 +222,10 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
     wild = [place for place, step in enumerate(steps) if glob.has_magic(step)] or [0, len(steps) - 1]
     after = len(steps) - 1 - wild[-1]  # fixed steps at the end
     for folder, name in sorted(of_class.items()):
-        for file in sorted(_matches(root, _filled(pattern, folder))):
+        for file in sorted(_matches(root, pattern, folder)):
             parts = file.split("/")
             kept = "/".join(parts[wild[0] : len(parts) - after])
             yield SourceObject(kept if after else MESH_SUFFIX.sub("", kept), name, file)
-
-
-def _filled(pattern: str, folder: str) -> str:
-    """A pattern for the files of one class, which are in this folder."""
-    return pattern.replace("{class}", glob.escape(folder))
 
 
 def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | None) -> dict[str, str]:
@@ -255,8 +246,10 @@ def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | N
     return dict.fromkeys(same, class_name)
 
 
-def _matches(root: Path, pattern: str) -> Iterator[str]:
-    """Mesh files below a folder that a pattern matches, relative to it; hidden files and folders never."""
+def _matches(root: Path, pattern: str, folder: str) -> Iterator[str]:
+    """Mesh files below the root that a pattern matches, relative to it, of the class in this folder; hidden files and
+    folders never."""
+    pattern = pattern.replace("{class}", glob.escape(folder))
     above, deep, rest = pattern.partition("**")
     if deep:
         folders, rest = glob.iglob(above, root_dir=root) if above else [""], rest.lstrip("/")
@@ -282,11 +275,8 @@ def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[
 
 def _returns(top: Path, folder: Path) -> bool:
     """Whether a folder below `top` is a link to a folder that contains it: following it would never end."""
-    if not folder.is_symlink():
-        return False
-    target = os.path.realpath(folder)
-    above = [os.path.realpath(parent) for parent in folder.parents if parent == top or top in parent.parents]
-    return any(os.path.commonpath((parent, target)) == target for parent in above)
+    above = (Path(os.path.realpath(each)) for each in folder.parents if each == top or top in each.parents)
+    return folder.is_symlink() and any(parent.is_relative_to(os.path.realpath(folder)) for parent in above)
 
 
 def _warn_of_folders_without(source: Source, class_name: str | None, entries: Iterable[SourceObject]) -> None:

@@ -177,9 +177,7 @@ def copy_lines(
 
 def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
     """Raise CatalogueError if a split that is needed (by what, as the message names it) has none of the objects.
-
-    splits: of each object. by_name: names decide the splits, so that the message can say how to set the config's.
-    """
+    splits: of each object. by_name: names decide the splits, so that the message can say how to set the config's."""
     counts = Counter(splits.values())
     empty = [split for split in needed if not counts[split]]
     if not empty:
@@ -232,10 +230,8 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
 
 def checksum(path: Path, files: Path | str | None = None) -> str:
     """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others (`companions`), that of the lines
-    `<sha256>` of them all, the mesh first, the others by name. No name counts, so that copies have one checksum.
-
-    files: the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh file.
-    """
+    `<sha256>` of them all, the mesh first, the others by name. No name counts, so that copies have one checksum. files:
+    the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh file."""
     if named_files.unusable(path):
         return ""
     if not path.is_file():
@@ -266,10 +262,8 @@ def sources_of(entries: Iterable[CatalogueEntry]) -> dict[str, str]:
 
 
 def mesh_files(path: Path, root: Path | str) -> list[Path]:
-    """A mesh file with the materials, textures and buffers that it names; empty for what can't be a mesh's file.
-
-    Of a long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it.
-    """
+    """A mesh file with the materials, textures and buffers that it names; empty for what can't be a mesh's file. Of a
+    long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it."""
     if named_files.unusable(path):
         return []
     return [path, *(Path(os.path.normpath(path.parent / name)) for name in companions(path, root, named_files.HEAD))]

@@ -27,10 +27,8 @@ _FIRST = re.compile(r"^(?i:(?P<w0>textured|visual)|(?P<w3>collision|v.?hacd|coac
 
 
 class Variant(NamedTuple):
-    """What a path says. object: its folders and stem without `WORDS`; the stem is empty if there is nothing else.
-
-    rank: of `WORDS`. sure: it has none of them, or one that is not `AMBIGUOUS`.
-    """
+    """What a path says. object: its folders and stem without `WORDS`; the stem is empty if there is nothing else. rank:
+    of `WORDS`. sure: it has none of them, or one that is not `AMBIGUOUS`."""
 
     object: tuple[str, ...]
     rank: int

@@ -1,7 +1,4 @@
-"""Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured.
-
-Importing this package loads no engine.
-"""
+"""Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured."""
 
 import json
 from collections.abc import Mapping
@@ -88,9 +85,7 @@ def mesh_file(folder: Path | str, name: str) -> Path:
 
 def usable(batch: Path | str, contents: bool = False) -> list[str]:
     """Names of the objects that a run's batch of meshes holds, by its seal; contents: compare checksums of files, too.
-
-    Raises `palpate.seal.DamagedFile`, naming files, if the seal or files are missing, of another size, or changed.
-    """
+    Raises `palpate.seal.DamagedFile`, naming files, if the seal or files are missing, of another size, or changed."""
     sealed = seal.read(batch)
     sealed.require(contents=contents)
     return list(dict.fromkeys(name.split("/")[0] for name in sealed.files if "/" in name))

@@ -14,11 +14,9 @@ QUALITY = 0.3  # shapes of triangles no worse than this (1 for equilateral) coun
 
 
 def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces; of fewer as it is.
-
-    A closed mesh stays closed, and the pieces of any mesh stay apart and keep their holes, if need be with more faces.
-    Borders stay where they are, unless that keeps too many faces.
-    """
+    """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces; of fewer as it is. A
+    closed mesh stays closed, and the pieces of any mesh stay apart and keep their holes, if need be with more faces.
+    Borders stay where they are, unless that keeps too many faces."""
     if len(faces) <= count:
         return vertices, faces
     closed = topology.is_closed(faces)

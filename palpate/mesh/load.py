@@ -7,8 +7,7 @@ from palpate.mesh import FORMATS
 from palpate.mesh.files import Files
 from palpate.mesh.formats import collada, gltf, obj, off, ply, stl, threemf
 from palpate.mesh.part import Loaded
-from palpate.mesh.recognise import UNREAD, what_it_is
-from palpate.named_files import unusable
+from palpate.named_files import UNREAD, unusable, what_it_is
 
 # Imported with this module: objects are read in processes of their own, which would each import them.
 READERS = {"obj": obj, "glb": gltf, "gltf": gltf, "stl": stl, "ply": ply, "off": off, "dae": collada, "3mf": threemf}

@@ -1,7 +1,4 @@
-"""Parts of an object, triangles with one explicit material, as readers of mesh files return them, and what makes them.
-
-Every material states metallic, roughness and base colour; glTF's defaults would make it metal.
-"""
+"""Parts of an object, triangles with one explicit material (glTF's defaults are metal), as readers make them."""
 
 import warnings
 from typing import NamedTuple

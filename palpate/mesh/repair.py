@@ -27,11 +27,9 @@ class Repaired(NamedTuple):
 
 
 def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaired:
-    """Merge vertices (n, 3), find faces (f, 3) to drop and faces to turn; part (f,): the number of each face's part.
-
-    A part's closed shells keep their vertices for themselves, so that solids which merely touch stay solids. Of faces
-    with the same three vertices one is kept: the first that faces as the repaired surface does, else the first.
-    """
+    """Merge vertices (n, 3), find faces (f, 3) to drop and faces to turn; part (f,): the number of each face's part. A
+    part's closed shells keep their vertices for themselves, so that solids which merely touch stay solids. Of faces
+    with the same three vertices one is kept: the first that faces as the repaired surface does, else the first."""
     used = np.unique(faces)
     tolerance = float(TOLERANCE * np.linalg.norm(np.ptp(vertices[used], axis=0)))
     merged, first, behind = _weld(vertices, faces, part, tolerance)

@@ -1,7 +1,4 @@
-"""Bottles: one body of any profile and cross-section, reliefs, a top, handles and labels.
-
-Metres; the bottle stands on z = 0 around the z axis.
-"""
+"""Bottles that stand on z = 0 around the z axis: a body of any cross-section, reliefs, a top, handles and labels."""
 
 from types import SimpleNamespace
 
@@ -10,8 +7,7 @@ from manifold3d import Manifold
 from numpy.random import Generator
 from scipy.interpolate import PchipInterpolator
 
-from palpate.shapes.assembly import Part
-from palpate.shapes.materials import Material, across, around, choose, label
+from palpate.shapes.materials import Material, Part, across, around, choose, label
 from palpate.shapes.solids import (
     arctan2,
     bent_bar,

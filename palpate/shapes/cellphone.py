@@ -13,8 +13,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from palpate.camera import rotation_about
-from palpate.shapes.assembly import Part
-from palpate.shapes.materials import Material, choose, interface
+from palpate.shapes.materials import Material, Part, choose, interface
 from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, union
 
 AXES = (2, 0)

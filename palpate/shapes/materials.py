@@ -1,10 +1,11 @@
-"""Colours and pictures of the procedural objects."""
+"""Parts of the procedural objects: solids with colours and pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from manifold3d import Manifold
 from numpy.random import Generator
 from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.material import PBRMaterial
@@ -136,3 +137,12 @@ def around(vertices: np.ndarray) -> np.ndarray:
     flat = np.stack([angle, vertices[:, 2]], axis=1)
     low, high = flat.min(axis=0), flat.max(axis=0)
     return (flat - low) / np.maximum(high - low, 1e-9)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A closed solid of one material. `uv` maps vertices (n, 3) to texture coordinates (n, 2); default: `across`."""
+
+    solid: Manifold
+    material: Material
+    uv: Callable[[np.ndarray], np.ndarray] = across

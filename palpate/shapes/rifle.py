@@ -12,8 +12,7 @@ from manifold3d import Manifold
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from palpate.shapes.assembly import Part
-from palpate.shapes.materials import Material, choose
+from palpate.shapes.materials import Material, Part, choose
 from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, prism, rod, superellipse, sweep, turned, union
 
 AXES = (1, 2)

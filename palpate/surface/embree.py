@@ -43,10 +43,8 @@ class RayMesh:
 
     def first_face(self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None) -> np.ndarray:
         """The face that each ray meets first, from either side: (n,) int32 index into `triangles`, -1 for none.
-
         origins: (n, 3) in the mesh's coordinates; directions: (n, 3), or (1, 3) for parallel rays; reach: longest
-        distance, in units of the directions' length.
-        """
+        distance, in units of the directions' length."""
         return self._query(origins, directions, reach, "INTERSECT")
 
     def blocked(self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None) -> np.ndarray:

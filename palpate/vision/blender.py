@@ -12,9 +12,7 @@ from palpate.vision.system import install_command, missing_libraries
 def load() -> ModuleType:
     """Import `bpy`, once, and return it, while the process may use one core only: Blender's thread pool takes the size
     of the machine when it starts, and its idle threads spin (a render with one thread took 0.51 s of CPU for 0.26 s).
-
-    Raises ImportError naming what to install, or what to import earlier.
-    """
+    Raises ImportError naming what to install, or what to import earlier."""
     if "bpy" in sys.modules:
         return sys.modules["bpy"]
     allowed = os.sched_getaffinity(0)

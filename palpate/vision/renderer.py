@@ -4,15 +4,10 @@ A picture is two renders of Cycles: the colours, with many samples a pixel and a
 one sample at every pixel's centre, for Cycles takes them from a pixel's first sample, which the filter moves by up to
 0.75 pixels. Blender writes both as EXR files into memory (without a window a `Viewer` node stays empty).
 
-Omitted, because the picture is the same, or within its noise (`studies/omitted/renders.py` compares):
-
-- the object alone is rendered once, whatever the number of grasps, and without the hand
-- the hand's meshes are built once, and only posed for each object and grasp
-- an object's geometry is given to Cycles once, not for each picture
-- pixels outside the rectangle of what is drawn, which show the background
-- all samples but one for mask and depth
-- a file's cameras, lamps, and unused materials
-- light's paths beyond the bounces in `CYCLES`, caustics, and the tree of lights
+Omitted, because the picture is the same, or within its noise (`studies/omitted/renders.py` compares): all but one
+render of the object alone, one build of the hand's meshes and one hand-over of an object's geometry to Cycles; pixels
+outside the rectangle of what is drawn; all samples but one for mask and depth; a file's cameras, lamps, and unused
+materials; light's paths beyond the bounces in `CYCLES`, caustics, and the tree of lights.
 """
 
 import shutil

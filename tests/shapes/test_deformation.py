@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.shapes.assembly import deformed
+from palpate.shapes.family import deformed
 from palpate.shapes.parameters import read
 
 NONE = dict.fromkeys(read("rifle")["parameters"]["form"], 0.0)

@@ -1,7 +1,4 @@
-"""3MF: the objects that its build shows, of the core specification with the production extension.
-
-Its colours and textures are not read, and supports are left out.
-"""
+"""3MF, its core and production: the objects that its build shows, without colours, textures and supports."""
 
 import zipfile
 from functools import cache
