@@ -48,8 +48,7 @@ class Decoder:
 
 @dataclass(frozen=True)
 class Architecture:
-    """The layers and options of one model; defaults are the paper's, as released. Raises ValueError for an unknown
-    option, or less than one deformation."""
+    """The layers and options of one model; defaults are the paper's, as released; ValueError for an unknown one."""
 
     encoder: Encoder | None = None
     gcn: GCN | None = None
@@ -90,8 +89,7 @@ PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES = (
 
 
 def paper_architecture(experiment: Experiment) -> Architecture:
-    """The paper's architecture for the modality of an experiment; of a single-image network that of its publication.
-    Raises ValueError for an experiment without vision and touch."""
+    """The paper's architecture for an experiment's modality, or a single-image network's own; ValueError for none."""
     if own := SINGLE_IMAGE_ARCHITECTURES.get(experiment.strategy):
         return own
     if experiment.modality not in PAPER_ARCHITECTURES:

@@ -62,8 +62,7 @@ class Camera:
         return pose
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (..., 2) as (column, row), and depth (...) along the optical axis, of points (..., 3) in the world;
-        points at or behind the camera have depth <= 0 and pixels of nan."""
+        """Pixels (..., 2) as (column, row), nan behind the camera, and depth (...), of world points (..., 3)."""
         seen = (np.asarray(points, dtype=float) - self.position) @ self.rotation @ IMAGE_FROM_CAMERA
         depth = seen[..., 2]
         with np.errstate(divide="ignore", invalid="ignore"):

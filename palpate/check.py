@@ -151,7 +151,11 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
         say(*mesh_lines(looks, settings, config, checksums))
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
-        say(*sensor_lines(hand, settings.sensor))
+        places = {"sensor plane": 0, "gel's face": face, "end of range": settings.sensor.range}  # m along a sensor's x
+        for sensor_name, surface in zip(hand.sensor_names, hand.contact_distance(), strict=True):
+            stated = ", ".join(f"{what} {1e3 * (place - surface):+.0f}" for what, place in places.items())
+            where = f", mm out of the surface of its link: {stated}" if surface else ": its x misses its link"
+            say(f"  {sensor_name}{where}")
         pictures: dict[str, np.ndarray] = {}
         for class_name, trials in _examples(looks, name).items():
             if pictures and time.monotonic() - start > EXAMPLE_SECONDS:
@@ -251,8 +255,7 @@ class Look(NamedTuple):
 
 
 def _opened(settings: Settings, name: str | None, seed: int, root: Path) -> list[SourceObject]:
-    """The objects whose meshes are opened, of each class in turn, and first the one that was asked for; procedural ones
-    are written into the root of the sources."""
+    """The objects whose meshes are opened, of each class in turn, first the named one; procedural: made in root."""
     by_class = ([entry for entry in settings.entries if entry.class_name == kind] for kind in settings.classes)
     turns = [entry for turn in zip_longest(*by_class) for entry in turn if entry]
     known = [entry.object for entry in turns]
@@ -275,34 +278,17 @@ def _opened(settings: Settings, name: str | None, seed: int, root: Path) -> list
 
 def look(entry: SourceObject, root: Path) -> Look:
     """Open an object's mesh, in a process of its own. root: of the sources."""
-    import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
-    from palpate.mesh.isolation import isolated
+    from palpate.mesh import build, isolation  # once, and not in each of the processes
 
+    path = root / entry.source
     try:
-        return Look(entry, *isolated(_open, root / entry.source, entry.scale, root, seconds=SECONDS_A_MESH))
+        return Look(entry, *isolation.isolated(build.measure, path, entry.scale, root, seconds=SECONDS_A_MESH))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
-        return Look(entry, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
-
-
-def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str], list[float]]:
-    """Extent, faces, what is wrong with files that it names, and its shape."""
-    from palpate.mesh.build import joined, size
-    from palpate.mesh.load import load
-    from palpate.mesh.topology import cross
-
-    (parts, unit), missing = load(path, root)
-    vertices, faces, _ = joined(parts, path)
-    sides = np.ptp(vertices[faces.ravel()], axis=0)
-    extent, area = float(np.linalg.norm(sides)), np.linalg.norm(cross(vertices[faces]), axis=1).sum() / 2
-    if not area:
-        raise UnusableObject(f"{path}: none of its {len(faces)} triangles has an area: export its surface")
-    size(path, extent, scale, unit)
-    return extent, len(faces), missing, [float(length) / extent for length in (*sides, area**0.5)]
+        return Look(entry, problem=str(error).strip().splitlines()[-1].removeprefix(f"{path}: "))
 
 
 def _examples(looks: Sequence[Look], name: str | None) -> dict[str, list[Look]]:
-    """The meshes of some classes that are tried for an example, those of the fewest faces first, or that of this name,
-    and none that are for collisions only."""
+    """Meshes that are tried as examples, of some classes, of the fewest faces first, or of this name; no hulls."""
     by_class: dict[str, list[Look]] = defaultdict(list)
     for opened in sorted(looks, key=lambda opened: opened.faces):
         entry = opened.entry
@@ -341,17 +327,6 @@ def mesh_lines(
         yield f"    {_advice([files[name] for name in groups[0]], settings.source)}"
     if hulls := [entry.object for entry in settings.entries if catalogue.is_collision(entry.source)]:
         yield f"  {len(hulls)} objects have a collision mesh only, by its name ({catalogue.listed(hulls, NAMED)})"
-
-
-def sensor_lines(hand: Hand, touch_sensor: Sensor) -> Iterator[str]:
-    """Where each sensor's plane, gel's face and end of range lie, along its x from the surface of its link."""
-    for name, surface in zip(hand.sensor_names, hand.contact_distance(), strict=True):
-        if not surface:
-            yield f"  {name}: its x misses its link"
-            continue
-        places = {"sensor plane": 0, "gel's face": touch_sensor.gel_face, "end of range": touch_sensor.range}
-        stated = ", ".join(f"{what} {1e3 * (place - surface):+.0f}" for what, place in places.items())
-        yield f"  {name}, mm out of the surface of its link: {stated}"
 
 
 def make_example(

@@ -31,8 +31,7 @@ def not_among(name: str, known: Iterable[str]) -> str:
 
 
 def absolute(path: Path | str, project: Path | str) -> str:
-    """A path of the config: `~` is the user's home folder, a relative one is the project's. Raises `ConfigError` for
-    the home folder of an unknown user."""
+    """A path of the config: `~` is the user's home (ConfigError if unknown), a relative one is the project's."""
     try:
         return str(Path(project) / Path(path).expanduser())
     except RuntimeError as error:
@@ -79,8 +78,7 @@ def typed(value: Any) -> Any:
 
 
 def parse_texts(config: dict[str, Any], schema: Path | str) -> None:
-    """Replace, in place, texts that the schema refuses by what YAML reads them as: a command line's `--config` leaves
-    all values in braces or brackets as texts."""
+    """Replace, in place, texts that the schema refuses by what YAML reads them as: `--config` leaves texts."""
     for section in filter(lambda value: isinstance(value, dict), config.values()):
         section.update({key: None for key, value in section.items() if value == "null"})
     for error in list(_validator(schema).iter_errors(config)):
@@ -138,8 +136,7 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
 
 
 def _unusable(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
-    """A line for each value in nested dictionaries and lists that a schema takes and nothing can use: numbers that are
-    NaN or infinite, and texts with control characters."""
+    """A line for each number that is NaN or infinite, and each text with control characters, in nested values."""
     place = ".".join(where) or "top level"
     if isinstance(value, dict | list):
         for key, item in value.items() if isinstance(value, dict) else enumerate(value):
@@ -186,8 +183,7 @@ def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
 
 
 def check(instance: Any, schema: Path | str, what: str) -> None:
-    """Raise `ConfigError` with one line for each place where `instance`, in the message `what`, does not fit the schema
-    file."""
+    """Raise `ConfigError` with a line for each place where `instance`, called `what`, does not fit the schema."""
     errors = sorted(_validator(schema).iter_errors(instance), key=lambda error: list(map(str, error.absolute_path)))
     # A key that is wrong in several ways (a failed `required` names each missing key) is said once.
     lines = list(dict.fromkeys(line for error in errors for line in _say(error)))

@@ -158,11 +158,11 @@ def text(name: bytes) -> str:
 
 
 def find(path: Path, name: str, root: Path | str | None = None) -> str | None:
-    """A file that a mesh file names, relative to the mesh's folder; None if there is none, or outside the root.
+    """A file that a mesh file names, relative to the mesh's folder; None if there is none, or outside the root, which
+    is by default the folder above the mesh's. Links on the way to the mesh, and within these folders, may lead anywhere.
 
     The first that exists of: the name in `FOLDERS`, without a comment, quotes or URI escapes if need be, without a
-    leading slash, and its last part beside the mesh. root: the folder that it has to be in; default: the one
-    above the mesh's. Links on the way to the mesh, and within the folders that it names, may lead anywhere.
+    leading slash, and its last part beside the mesh.
     """
     plain = name.strip().replace("\\", "/")
     bare = without_comment(plain).strip('"')
@@ -214,8 +214,7 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
 
 
 def gltf_tree(path: Path, most: int | None = None) -> tuple[dict[str, Any], int]:
-    """The JSON of a .gltf or .glb file, and where a .glb's binary data begin. Raises ValueError if it is damaged,
-    nested too deep, or longer than `most` bytes."""
+    """The JSON of a .gltf or .glb, and where a .glb's binary data begin; ValueError if damaged or over `most` bytes."""
     length = start = 0
     with open(path, "rb") as file:
         if path.suffix.lower() == ".glb":

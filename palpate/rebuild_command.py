@@ -38,8 +38,7 @@ def label_of(path: Path | str) -> str:
 
 
 def rebuild_command(path: Path | str, *targets: str) -> str:
-    """The command that makes a file of a run, or some of the run's targets instead (braces in them are left to the
-    shell), from the project's root."""
+    """The command that makes a file of a run, or targets (braces are the shell's), from the project's root."""
     folder = run_folder(path)
     asked = targets or (os.path.relpath(os.path.abspath(path), folder),)
     record = folder / RECORD
@@ -49,8 +48,7 @@ def rebuild_command(path: Path | str, *targets: str) -> str:
 
 
 def rebuild_advice(path: Path | str, what: str = "it") -> str:
-    """How to make a file of a run that is missing or damaged, as the end of a message; what: the file, where `it` would
-    be unclear."""
+    """How to make a missing or damaged file of a run, as the end of a message; what: the file, for `it`."""
     path, there = Path(path), os.path.lexists(path)
     if path.name in (RECORD, BATCHES):  # batches are then formed anew, and those that differ are made again
         return f"{f'remove {what} and ' if there else ''}start the run again, which writes it"

@@ -49,8 +49,7 @@ LIGHT_KEYS = {
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One object, alone or in g grasps of a hand with L links and s touch sensors. Raises ValueError for poses of links
-    without a hand."""
+    """One object, alone or in g grasps of a hand with L links and s touch sensors; ValueError for poses without it."""
 
     object_folder: Path  # its mesh files; `visual.glb` is what is touched and seen
     hand: Hand | None = None  # None if the object is alone
@@ -180,7 +179,8 @@ def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
         if kind == "area" and not given.get("size"):
             raise ConfigError(f"{where}: light of kind area needs a size above 0, its side in m")
         target = given.get("target", OBJECT_POSITION)
-        attributes = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+        attributes: dict[str, Any] = dict(given)
+        attributes |= {key: tuple(value) for key, value in given.items() if isinstance(value, list)}
         if "position" in keys:
             attributes["position"] = _place(given["position"], target)
         if "target" in keys and np.array_equal(attributes["position"], target):

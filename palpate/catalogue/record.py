@@ -34,8 +34,7 @@ def batch_number(name: str) -> int:
 
 
 def assign_batches(names: Iterable[str], batch_size: int, known: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The batch of each object by name, the known ones' first: those stay, the others fill the last batch and new ones
-    of `batch_size` places, in the order of the names given."""
+    """The batch of each object by name: known ones stay, others fill the last one and new ones of `batch_size`."""
     places, (last, filled) = dict(known or {}), (0, 0)
     if known:
         last, filled = max(Counter(map(batch_number, known.values())).items())
@@ -50,12 +49,9 @@ def in_order(entries: Iterable[SourceObject], places: Mapping[str, str]) -> list
 
 
 def read_batches(folder: Path | str, batch_size: int | str, objects: int) -> tuple[int, dict[str, str]]:
-    """Objects a batch, and the batch of every object that the run in a folder has had: none if it had another size.
-
-    The size is the config's number, or for `auto` that of the run, so that its batches stay. A new run has `SMALLEST`
-    to `LARGEST`, as many as leave it `FEWEST_BATCHES`; and more, so that it has at most `MOST_BATCHES`. Raises
-    CatalogueError, naming the file and the remedy, if the run's own is damaged.
-    """
+    """Objects a batch, and the batch of every object that the run in a folder has had: none if it had another size. For
+    `auto` the size is the run's own; a new one has `SMALLEST` to `LARGEST`, as many as leave it `FEWEST_BATCHES`; and
+    more, so that it has at most `MOST_BATCHES`. Raises CatalogueError, with the remedy, if the run's own is damaged."""
     path, size = Path(folder, BATCHES), 0
     places: dict[str, str] = {}
     try:

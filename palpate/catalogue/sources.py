@@ -247,8 +247,7 @@ def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | N
 
 
 def _matches(root: Path, pattern: str, folder: str) -> Iterator[str]:
-    """Mesh files below the root that a pattern matches, relative to it, of the class in this folder; hidden files and
-    folders never."""
+    """Mesh files below the root that a pattern matches, of the class in this folder; hidden files and folders never."""
     pattern = pattern.replace("{class}", glob.escape(folder))
     above, deep, rest = pattern.partition("**")
     if deep:
@@ -263,8 +262,7 @@ def _matches(root: Path, pattern: str, folder: str) -> Iterator[str]:
 
 
 def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[str]:
-    """Mesh files, or those of other suffixes, at any depth. Links are followed, as by `glob`, but for those to a folder
-    that they lie in."""
+    """Mesh files, or those of other suffixes, at any depth. Links are followed, but to a folder around them."""
     for place, folders, files in os.walk(folder, followlinks=True):
         folders[:] = [name for name in folders if not name.startswith(".") and not _returns(folder, Path(place, name))]
         within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files
@@ -415,8 +413,7 @@ def _distinct(entries: list[SourceObject]) -> list[SourceObject]:
 
 
 def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) -> list[SourceObject]:
-    """`count` of the entries, sorted by name, after checking that there are enough. Of two names alike that with fewer
-    folders above its file is kept, so that one which is there mostly is."""
+    """`count` of the entries, by name, if there are enough. Of two alike the one with fewer folders keeps its name."""
     if not entries:
         raise CatalogueError(f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}")
     entries = _distinct(sorted(entries, key=lambda entry: (entry.source.count("/"), entry.source)))

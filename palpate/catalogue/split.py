@@ -13,8 +13,7 @@ SALT = "palpate-16865"
 
 
 def assign_split(object_name: str, ratios: Mapping[str, float] = PAPER_SPLIT) -> str:
-    """The split of an object: a hash of its name gives a number in [0, 1), the ratios cut that range in order. Others
-    that are added or removed change nothing."""
+    """The split of an object: a hash of its name gives a number in [0, 1), the ratios cut that range in order."""
     return _cut(_fraction(object_name), ratios)
 
 

@@ -78,9 +78,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     entries = [
         # Class, split and batch are one text for all rows that share them: a run may have 100,000 objects.
         CatalogueEntry(
-            row["object"],
-            *(sys.intern(row[column]) for column in COLUMNS[1:4]),
-            *(row.get(column, "") for column in COLUMNS[4:]),
+            row["object"], *(sys.intern(row[key]) for key in COLUMNS[1:4]), *(row.get(key, "") for key in COLUMNS[4:])
         )
         for row in rows
     ]
@@ -99,11 +97,10 @@ def splits_of(
     groups: Iterable[Sequence[str]] = (),
 ) -> dict[str, str]:
     """The split of each object by name: the one that the source or the user gives, or that of its name, by the ratios
-    (`fill`), or with `held_out: styles` by its style.
+    (`fill`), or with `held_out: styles` by its style (CatalogueError for objects without one).
 
     ratios: the config's `split`. seed: of procedural objects. groups: names of objects that are copies (`copies`): they
     are in the split that one of them is given, or else in that of the first; several that are given stay.
-    Raises CatalogueError for objects without a style.
     """
     given, of_class = ({entry.object: getattr(entry, key) for entry in entries} for key in ("split", "class_name"))
     shares = {split: ratios[split] for split in SPLITS}
@@ -161,8 +158,7 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
 def copy_lines(
     groups: Iterable[Sequence[str]], checksums: Mapping[str, str], splits: Mapping[str, str]
 ) -> Iterator[str]:
-    """Lines on objects that are there several times, in one split or in several: the first groups of `copies` by name;
-    checksums, splits: of each object."""
+    """Lines on objects that are there several times, in one split or in several: the first of `copies` by name."""
     together: dict[str, list[str]] = {"in one split": [], "IN DIFFERENT SPLITS": []}
     for group in groups:
         place = "in one split" if len({splits[name] for name in group}) == 1 else "IN DIFFERENT SPLITS"
@@ -199,17 +195,9 @@ def build(
     procedural objects, which have styles. Raises `CatalogueError` if a mesh file does not exist."""
     return [
         CatalogueEntry(
-            entry.object,
-            entry.class_name,
-            entry.split,
-            batches[entry.object],
-            entry.source,
-            checksum(Path(root, entry.source), root),
-            entry.up,
-            str(entry.scale),
-            OTHERS.join(entry.others),
-            str(entry.turn or ""),
-            "" if seed is None else style_of(entry.object, entry.class_name, seed),
+            *(entry.object, entry.class_name, entry.split, batches[entry.object], entry.source),
+            *(checksum(Path(root, entry.source), root), entry.up, str(entry.scale), OTHERS.join(entry.others)),
+            *(str(entry.turn or ""), "" if seed is None else style_of(entry.object, entry.class_name, seed)),
         )
         for entry in entries
     ]

@@ -51,8 +51,7 @@ class Couplings:
             self._couple(members, moments[moments[:, members].any(axis=1)])
 
     def _moments(self) -> np.ndarray:
-        """Moment arms about the hand's joints, (A, J), of each actuator that moves them alone, by itself or by a fixed
-        tendon."""
+        """Moment arms about the hand's joints, (A, J), of actuators that move them alone, also by a fixed tendon."""
         model, data = self.model, self.data
         mujoco.mj_forward(model, data)
         moments = np.zeros((model.nu, model.nv))
@@ -82,8 +81,7 @@ class Couplings:
         return tied
 
     def _violated(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Violations (R,) of active equalities and `tendons` with the joints at (J,), rad or m, and their derivatives
-        (R, J)."""
+        """Violations (R,) of active equalities and `tendons` at (J,), rad or m, and their derivatives (R, J)."""
         model, data = self.model, self.data
         data.qpos[:], data.qpos[self.positions] = model.qpos0, at
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):

@@ -4,16 +4,13 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
 from palpate.sensor import DIGIT
-
-if TYPE_CHECKING:
-    from _typeshed import SupportsContainsAndGetItem
 
 GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
@@ -99,8 +96,7 @@ class Hand:
         open_joint_positions: Sequence[float] | np.ndarray,
         palm_anchor: np.ndarray,
     ) -> "Hand":
-        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order. All its geoms
-        that collide do so with each other, but for those of `adjacent_links`."""
+        """The hand of rows, attributes in order; geoms that collide do so with each other, but for `adjacent_links`."""
         values: dict[str, Any] = {}
         for group, rows in {"link": links, "joint": joints, "geom": geoms, "sensor": sensors}.items():
             attributes = [field.name for field in fields(cls) if field.name.startswith(f"{group}_")]
@@ -116,8 +112,7 @@ class Hand:
         return replace(hand, colliding_pairs=np.argwhere(np.triu(meets, k=1)))
 
     def length(self) -> float:
-        """Metres of the open hand's largest extent along an axis of the palm, by geoms' centres and sensors, or of a
-        colliding geom's, if larger."""
+        """Metres of the open hand along an axis of the palm, by geoms' centres and sensors, or of its largest geom."""
         links = self.forward(np.eye(4), self.open_joint_positions)
         places = [self.geom_poses(links)[self.geom_collides, :3, 3], self.sensor_frames(links)[0]]
         own = np.array([np.ptp(shape, axis=0).max() if len(shape) else 0 for shape in self.geom_vertices])
@@ -213,8 +208,7 @@ class Hand:
     def signed_distance(
         self, points: np.ndarray, link_pose: np.ndarray, links: Collection[int] | None = None
     ) -> np.ndarray:
-        """Signed distance (N,) of points (N, 3) to the colliding geoms (of these links), negative inside: closed forms;
-        link_pose: (L, 4, 4) in the points' frame."""
+        """Signed distance (N,) of points (N, 3) to the colliding geoms (of these links), negative inside."""
         poses = self.geom_poses(link_pose)
         nearest = np.full(len(points), np.inf)
         for geom in np.flatnonzero(self.geom_collides):
@@ -255,16 +249,16 @@ class Hand:
         return arrays
 
     @classmethod
-    def from_arrays(cls, arrays: "SupportsContainsAndGetItem[str, np.ndarray]", prefix: str = "") -> "Hand":
-        """The hand of `to_arrays`; arrays: by name (a store, an HDF5 group); prefix: of the names in it."""
+    def from_arrays(cls, arrays: Any, prefix: str = "") -> "Hand":
+        """The hand of `to_arrays`; arrays: by name (a mapping, a store, an HDF5 group); prefix: of the names in it."""
         values: dict[str, Any] = {}
         for field in fields(cls):
-            if field.name == "opposing_sensors" and f"{prefix}{field.name}" not in arrays:
+            name = f"{prefix}{field.name}"
+            if field.name == "opposing_sensors" and name not in arrays:
                 continue
-            value = np.asarray(arrays[f"{prefix}{field.name}"][...])
+            value = np.asarray(arrays[name][...])
             if field.name in ("geom_vertices", "geom_faces"):
-                ends = np.cumsum(np.asarray(arrays[f"{prefix}{field.name}_count"][...]))
-                values[field.name] = tuple(np.split(value, ends[:-1]))
+                values[field.name] = tuple(np.split(value, np.cumsum(arrays[f"{name}_count"][...])[:-1]))
             elif value.dtype.kind in "SUO":
                 names = tuple(text.decode() if isinstance(text, bytes) else str(text) for text in value.tolist())
                 values[field.name] = names[0] if field.name == "name" else names

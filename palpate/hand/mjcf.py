@@ -33,16 +33,14 @@ GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
 def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float = DIGIT.gel_face) -> Hand:
-    """Read a hand of hinges and slides from a model file, with the frames of its sensors.
+    """A hand of hinges and slides from a model file; ConfigError, naming that or the sensors', for what can't be used.
 
     sensors: a mapping, or a YAML file that holds one, with the keys that `schema.yaml` describes. gel_face: metres from
     the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are omitted with a
     warning. Every other joint gets a servo, or follows one that has, and keeps its range.
-
-    Raises `ConfigError`, naming the model file or the sensors', for what can't be read or used.
     """
-    path, own = Path(path), isinstance(sensors, Mapping)
-    named, description = (f"the sensors of {path}", sensors) if own else (str(sensors), read_yaml(sensors))
+    path, named = Path(path), f"the sensors of {path}" if isinstance(sensors, Mapping) else str(sensors)
+    description = sensors if isinstance(sensors, Mapping) else read_yaml(sensors)
     check(description, SCHEMA, named)
     try:
         return _Reader(_compile(path), path, named).hand(description, gel_face)
@@ -53,8 +51,7 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 
 
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
-    """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link, and
-    for gels that touch in the open hand."""
+    """A sentence for each sensor whose gel's face is off its link, and for gels that touch in the open hand."""
     hand, messages = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face

@@ -39,15 +39,10 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         bodies.append(body)
         for joint in np.flatnonzero(hand.joint_link == link):
             slides = hand.joint_slides[joint]
-            body.add_joint(
-                name=name,
-                type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
-                axis=hand.joint_axis[joint],
-                range=hand.joint_range[joint],
-                limited=LIMITED[int(hand.joint_driver[joint] == joint)],
-                armature=at_arm(ARMATURE, slides),
-                damping=[at_arm(DAMPING, slides), 0, 0],
-            )
+            added = body.add_joint(name=name, axis=hand.joint_axis[joint], range=hand.joint_range[joint])
+            added.type = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+            added.limited = LIMITED[int(hand.joint_driver[joint] == joint)]
+            added.armature, added.damping = at_arm(ARMATURE, slides), [at_arm(DAMPING, slides), 0, 0]
     names = [hand.link_names[link] for link in hand.joint_link]
     armature = np.where(hand.joint_slides, at_arm(ARMATURE, True), ARMATURE)
     moved = hand.follow_slopes(hand.open_joint_positions) ** 2 * armature[:, None]

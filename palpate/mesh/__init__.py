@@ -102,8 +102,7 @@ Mesh: TypeAlias = "Geometry | trimesh.Trimesh"  # what has vertices (n, 3) and f
 
 
 def load_geometry(folder: Path | str) -> Geometry:
-    """Every face of `visual.glb` in the object's own frame, read without trimesh: its import alone takes longer than
-    sensing the touches of an object."""
+    """Every face of `visual.glb` in the object's own frame, without trimesh: its import takes longer than sensing."""
     path = mesh_file(folder, "visual.glb")
     (tree, start), data = gltf_tree(path), path.read_bytes()
 

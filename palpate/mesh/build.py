@@ -13,7 +13,6 @@ from palpate.camera import rotation_about
 from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.load import load
-from palpate.mesh.part import material_of
 from palpate.mesh.repair import repair
 
 # Rotations that turn the source's up axis to z. The front (-z for y up, as in glTF and ShapeNet) goes to +y.
@@ -54,8 +53,9 @@ def build(
     folder.mkdir(parents=True, exist_ok=True)
     shown = [mesh for mesh in parts if len(mesh.faces)]
     wraps = [mesh.metadata.pop("wrap", None) for mesh in shown]
-    for mesh, wrap in zip(shown, wraps, strict=True):  # trimesh writes materials whose data are the same as one
-        material_of(mesh)._data["wrap"] = wrap
+    materials = [mesh.visual.material for mesh in shown]  # type: ignore[union-attr]  # of visuals of other kinds
+    for material, wrap in zip(materials, wraps, strict=True):  # trimesh writes those whose data are the same as one
+        material._data["wrap"] = wrap
     try:
         glb = trimesh.Scene(shown).export(file_type="glb", tree_postprocessor=lambda tree: _complete(tree, wraps))
     except (OSError, SyntaxError) as error:  # PIL's: textures are decoded here, nothing is written yet
@@ -64,7 +64,7 @@ def build(
             "from the material"
         ) from error
     (folder / "visual.glb").write_bytes(glb)
-    see_through = any(material_of(mesh).alphaMode not in (None, "OPAQUE") for mesh in shown)
+    see_through = any(material.alphaMode not in (None, "OPAQUE") for material in materials)
     record = {
         "version": VERSION,
         "source": {
@@ -90,9 +90,20 @@ def build(
     return record
 
 
+def measure(source: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str], list[float]]:
+    """Extent, faces, what is wrong with files that it names, and shape (`palpate.mesh.facts`) of a source file."""
+    (parts, unit), missing = load(source, root)
+    vertices, faces, _ = joined(parts, source)
+    sides = np.ptp(vertices[faces.ravel()], axis=0)
+    extent, area = float(np.linalg.norm(sides)), np.linalg.norm(topology.cross(vertices[faces]), axis=1).sum() / 2
+    if not area:
+        raise UnusableObject(f"{source}: none of its {len(faces)} triangles has an area: export its surface")
+    size(source, extent, scale, unit)
+    return extent, len(faces), missing, [float(length) / extent for length in (*sides, area**0.5)]
+
+
 def size(source: Path, extent: float, scale: str | float, unit: float) -> tuple[float, float]:
-    """Diagonal (m) of an object's box and factor from its file's unit to metres; extent: the diagonal in that unit;
-    unit: metres of the unit that the file states; scale: as for `prepare`."""
+    """Diagonal (m) of an object's box of this extent in the file's unit, and the factor; scale: as for `prepare`."""
     if scale == "diagonal":
         return DIAGONAL, DIAGONAL / extent
     factor = unit if scale == "keep" else float(scale)

@@ -38,19 +38,10 @@ def _collapsed(
     # All parameters: those not given pymeshlab takes from the call before, and results would depend on it.
     # Cleaning would drop what collapsed to nothing, and so open closed meshes.
     meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=count,
-        targetperc=0.0,
-        qualitythr=QUALITY,
-        preserveboundary=fixed_borders,
-        boundaryweight=BORDER_WEIGHT,
-        preservenormal=True,
-        preservetopology=True,
-        optimalplacement=True,
-        planarquadric=True,
-        planarweight=PLANAR_WEIGHT,
-        qualityweight=False,
-        autoclean=False,
-        selected=False,
+        **{"targetfacenum": count, "targetperc": 0.0, "qualitythr": QUALITY, "optimalplacement": True},
+        **{"preserveboundary": fixed_borders, "boundaryweight": BORDER_WEIGHT, "preservenormal": True},
+        **{"planarquadric": True, "planarweight": PLANAR_WEIGHT, "preservetopology": True},
+        **{"qualityweight": False, "autoclean": False, "selected": False},
     )
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()

@@ -60,8 +60,7 @@ class Files:
 
 
 def _eight_bit(image: PIL.Image.Image) -> PIL.Image.Image:
-    """A picture as glTF can have it: 8 bits of L, RGB or RGBA. A JPEG of these is written as it was; whole numbers of
-    16 or 32 bits are scaled to 8, and floats are clipped to 0..1."""
+    """A picture as glTF can have it: 8 bits of L, RGB or RGBA. A JPEG of these is written as it was."""
     if image.mode in ("L", "RGB", "RGBA") and "transparency" not in image.info:
         if image.format == "JPEG":
             # Its own quantisation, not the writer's lower default.

@@ -15,10 +15,9 @@ READERS = {"obj": obj, "glb": gltf, "gltf": gltf, "stl": stl, "ply": ply, "off":
 
 def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict[str, str]]:
     """Every triangle mesh of a file, placed as the file says, nothing repaired, and what is wrong with files and parts
-    that it names, by their names.
+    that it names (in root, as for `palpate.named_files.find`), by their names.
 
-    root: the folder that named files have to be in, as for `palpate.named_files.find`.
-    Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks;
+    Raises `UnusableObject` if the file can't be read, holds no triangles, or refers to vertices that it lacks;
     MemoryError, naming the file, if there is too little memory for it.
     """
     path = Path(path)

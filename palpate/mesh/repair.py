@@ -58,8 +58,7 @@ def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaire
 def _weld(
     vertices: np.ndarray, faces: np.ndarray, part: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces (f, 3) in merged vertices, the source vertex (m,) that each merged one stands for, and faces (f,) bool of
-    shells that are the backs of others."""
+    """Faces (f, 3) in merged vertices, the source vertex (m,) of each, and faces (f,) bool of shells' backs."""
     corner = faces.ravel()
     low = vertices[corner].min(axis=0)
     # Within the bounding box there are at most 1 / TOLERANCE = 2^20 cells an axis: three fit into 63 bits.
@@ -106,8 +105,7 @@ def _backs(triangles: np.ndarray, place: np.ndarray, shell: np.ndarray, closed: 
 
 
 def _shared(place: np.ndarray, shell: np.ndarray, closed: np.ndarray, back: np.ndarray) -> np.ndarray:
-    """Shells (s,) bool with a face where a shell has one that is open if they are closed, or closed if they are open:
-    one of the two faces is to go, so they are to be merged."""
+    """Closed shells (s,) bool with a face where an open one has one, and such open ones: they are to be merged."""
     order = np.lexsort(np.sort(place, axis=1).T)
     order = order[~back[shell[order]]]
     triple = np.sort(place, axis=1)[order]
@@ -153,8 +151,7 @@ def _doubled(
 
 
 def _outsides(merged: np.ndarray, turned: np.ndarray, doubled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Faces among those that were turned to which one of the doubled is opposite, and the first of these: it has been
-    facing out."""
+    """Turned faces to which one of the doubled is opposite, and the first of these: it has been facing out."""
     rows = np.r_[merged[turned][:, ::-1], merged[doubled]]
     from_least = (rows.argmin(axis=1)[:, None] + np.arange(3)) % 3
     row = np.unique(np.take_along_axis(rows, from_least, axis=1), axis=0, return_inverse=True)[1].ravel()
@@ -163,8 +160,7 @@ def _outsides(merged: np.ndarray, turned: np.ndarray, doubled: np.ndarray) -> tu
 
 
 def _folded(vertices: np.ndarray, faces: np.ndarray, merged: np.ndarray, tolerance: float) -> np.ndarray:
-    """Which pairs of faces (k, 2, 3) are two sides of a sliver that welding joined: they run opposite ways around the
-    same merged vertices (k, 2, 3), and are apart in the source."""
+    """Pairs of faces (k, 2, 3), sides of a welded sliver: opposite ways around merged vertices, apart before."""
     a, b, c = np.moveaxis(merged, 2, 0)
     way = (a > b) ^ (b > c) ^ (a > c)
     order = np.argsort(merged, axis=2, kind="stable")

@@ -60,9 +60,7 @@ def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
 
 
 def write(class_name: str, index: int, path: Path | str, seed: int = 0) -> Path:
-    """Write object `index` of a class and return the path of its mesh file; equal arguments give equal bytes. path:
-    with suffix .glb or .obj; without a suffix, `suffix(index)` chooses. An OBJ has its MTL and textures beside it,
-    named after it."""
+    """Write object `index` of a class and return its path: .glb or .obj, by default as `suffix` chooses."""
     path = Path(path)
     if not path.suffix:
         path = path.with_name(path.name + suffix(index))

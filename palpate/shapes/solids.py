@@ -149,8 +149,7 @@ def bent_bar(path: ArrayLike, fillet: float, width: float, height: float, expone
 
 
 def sweep(path: ArrayLike, section: np.ndarray, scale: ArrayLike = 1.0, side: ArrayLike = (1.0, 0.0, 0.0)) -> Manifold:
-    """Move a section (m, 2) along a path (k, 3): its first coordinate along `side`, its second across both, where the
-    path must not run. scale: factors of the section, (k,), (k, 2) or one."""
+    """Move a section (m, 2) along a path (k, 3), its first coordinate along `side`; scale: (k,), (k, 2) or one."""
     path = np.asarray(path, dtype=float)
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -167,8 +166,7 @@ def sweep(path: ArrayLike, section: np.ndarray, scale: ArrayLike = 1.0, side: Ar
 
 
 def along_y(stations: ArrayLike, exponent: float = 2.6, rings: int = 60, count: int = 40) -> Manifold:
-    """A body whose long axis is y, through stations (k, 4) of (y, lowest z, highest z, width), with monotone cubics (no
-    overshoot) between them; cross-sections are superellipses."""
+    """A body along y, through stations (k, 4) of (y, lowest z, highest z, width), of superellipses."""
     stations = np.asarray(stations, dtype=float)
     y = np.linspace(stations[0, 0], stations[-1, 0], rings)
     low, high, width = PchipInterpolator(stations[:, 0], stations[:, 1:])(y).T
@@ -179,8 +177,7 @@ def along_y(stations: ArrayLike, exponent: float = 2.6, rings: int = 60, count: 
 
 
 def upright(profile: ArrayLike, section: np.ndarray) -> Manifold:
-    """A body along z. profile: (k, 2) rows of (radius, z); section: (m, 2), or (k, m, 2) where it changes, for radius
-    1."""
+    """A body along z. profile: (k, 2) rows of (radius, z); section: (m, 2) or (k, m, 2), for radius 1."""
     profile, section = np.asarray(profile, dtype=float), np.asarray(section, dtype=float)
     section = np.broadcast_to(section, (len(profile), *section.shape[-2:]))
     flat = section * profile[:, :1, None]

@@ -12,11 +12,10 @@ from palpate.mesh import Mesh
 
 class RayMesh:
     """The faces of a mesh that have an area, in Embree's tree; no ray leaks between two faces that share vertices.
+    Embree's single precision, about 1e-7 of the mesh's size, names the face that is hit; the caller computes where.
 
-    Embree's single precision, about 1e-7 of the mesh's size, names the face that is hit; the caller computes where,
-    from `triangles`: (f, 3, 3) float64, corners of the faces kept, in the mesh's own coordinates. normals: (f, 3)
-    float64, whose length is twice the area. face: (f,) index of each into `mesh.faces`. low, high: (3,) corners of
-    the box around them.
+    triangles: (f, 3, 3) float64, corners of the faces kept, in the mesh's own coordinates. normals: (f, 3) float64,
+    twice as long as the area. face: (f,) index of each into `mesh.faces`. low, high: (3,) corners of the box around.
     """
 
     def __init__(self, mesh: Mesh):

@@ -107,20 +107,21 @@ class Renderer:
         self._camera = _link(self._scene, bpy.data.objects.new("camera", bpy.data.cameras.new("camera")))
         self._scene.camera = self._camera
         self._origin = _link(self._scene, bpy.data.objects.new("origin", None))
-        self._plastic = _coloured_material("plastic", ROUGHNESS)
+        self._plastic = bpy.data.materials.new("plastic")  # a dielectric in the colours of a mesh's attribute
+        self._plastic.use_nodes = True
+        nodes = self._plastic.node_tree.nodes
+        colour, surface = nodes.new("ShaderNodeAttribute"), nodes["Principled BSDF"].inputs
+        colour.attribute_name, surface["Roughness"].default_value = "colour", ROUGHNESS
+        self._plastic.node_tree.links.new(colour.outputs["Color"], surface["Base Color"])
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
-        """The object of a scene alone, and with the hand in each of its g grasps, over the scene's background; raises
-        as `render_cameras`."""
+        """The object of a scene alone, and with the hand in each of its g grasps, as `render_cameras`."""
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """The images that `render` gives, from each of the cameras instead of the scene's own. EXR files are named
-        after the object, and the number of the camera if it is not the first.
-
-        Raises UnusableObject if the object's file can't be read or holds no triangles, or if an image of the object
-        alone doesn't show it; the next scene renders all the same.
-        """
+        """The images that `render` gives, from each of the cameras; EXR files are named after the object and the
+        camera. Raises UnusableObject if the object's file can't be read or holds no triangles, or if an image of the
+        object alone doesn't show it; the next scene renders all the same."""
         self._take_hand(scene.hand)
         grasps = range(len(scene.link_pose))
         shots = [(replace(scene, camera=camera), f"-camera-{k}" if k else "") for k, camera in enumerate(cameras)]
@@ -265,13 +266,19 @@ class Renderer:
         """Put a scene's lamps into Blender, around the object's place, and set the ambient light; returns the lamps."""
         ambient = [light.energy * linear(light.colour) for light in lights if light.kind == "ambient"]
         self._ambient["Color"].default_value = (*np.sum(ambient, axis=0), 1) if ambient else (0, 0, 0, 1)
-        lamps = [(_lamp(self._scene, light), light) for light in lights if light.kind != "ambient"]
+        lamps = []
+        for light in (light for light in lights if light.kind != "ambient"):
+            data = bpy.data.lights.new("lamp", light.kind.upper())
+            data.energy, data.color = light.energy, linear(light.colour)
+            attribute = {"sun": "angle", "point": "shadow_soft_size", "area": "size"}[light.kind]
+            setattr(data, attribute, np.radians(light.size) if light.kind == "sun" else light.size)
+            lamps.append((_link(self._scene, bpy.data.objects.new("lamp", data)), light))
+            lamps[-1][0].visible_camera = False  # what it lights is seen alone
         _pose_lamps(lamps, centre, np.eye(3))
         return lamps
 
     def draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
-        """Render what is in Blender, its vertices being `points` (n, 3); master: the name of the EXR file that keeps
-        it, if masters are kept."""
+        """Render what is in Blender, its vertices being `points` (n, 3); master: of the EXR file that may keep it."""
         render, lens = self._scene.render, self._camera.data
         render.resolution_x = render.resolution_y = camera.size
         lens.sensor_fit, lens.lens = "HORIZONTAL", camera.focal_length / camera.size * lens.sensor_width
@@ -363,17 +370,6 @@ def _set_up_render(scene: Any, threads: int, device: str) -> None:
     scene.cycles.device = device.upper()
 
 
-def _lamp(scene: Any, light: Light) -> Any:
-    """A lamp, not yet posed. Cameras don't see it, only what it lights."""
-    data = bpy.data.lights.new("lamp", light.kind.upper())
-    data.energy, data.color = light.energy, linear(light.colour)
-    attribute = {"sun": "angle", "point": "shadow_soft_size", "area": "size"}[light.kind]
-    setattr(data, attribute, np.radians(light.size) if light.kind == "sun" else light.size)
-    body = _link(scene, bpy.data.objects.new("lamp", data))
-    body.visible_camera = False
-    return body
-
-
 def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], turn: np.ndarray) -> None:
     """Put lamps where their lights are, turned by a rotation (3, 3) about the object's place `centre` (3,)."""
     for body, light in lamps:
@@ -393,17 +389,6 @@ def _link(scene: Any, body: Any) -> Any:
     """Put an object into a scene; returns it."""
     scene.collection.objects.link(body)
     return body
-
-
-def _coloured_material(name: str, roughness: float) -> Any:
-    """A dielectric whose colour is the mesh's attribute "colour"."""
-    material = bpy.data.materials.new(name)
-    material.use_nodes = True
-    nodes = material.node_tree.nodes
-    colour, surface = nodes.new("ShaderNodeAttribute"), nodes["Principled BSDF"].inputs
-    colour.attribute_name, surface["Roughness"].default_value = "colour", roughness
-    material.node_tree.links.new(colour.outputs["Color"], surface["Base Color"])
-    return material
 
 
 def _blender_object(name: str, mesh: Mesh, material: Any) -> Any:

@@ -1,12 +1,9 @@
 """Small images of an object from all around, for single-image reconstruction, as Choy et al. made theirs.
 
-3D-R2N2 (Choy et al. 2016), by the published renderer and the metadata of their images: 24 images of 137 x 137 an
-object; azimuth in [0, 360) and elevation in [25, 30) degrees and a distance of [0.65, 0.95) x 1.75, all uniform, around
-a model whose bounding box has a diagonal of 1 and its centre at the origin; a lens of 35 mm on a sensor of 32 mm
-(Blender did not use the field of view of 25 degrees in their metadata). Azimuth turns clockwise seen from above: the
-camera is at distance (cos e cos a, -cos e sin a, sin e), z up, and looks at the origin.
-
-Here distances are in proportion to the object, at `palpate.mesh.OBJECT_POSITION`: the images are the same.
+3D-R2N2 (Choy et al. 2016), by the published renderer and the metadata of their images: azimuth, elevation and distance
+are uniform, around a model whose bounding box has a diagonal of 1 and its centre at the origin (here: in proportion to
+the object, at `palpate.mesh.OBJECT_POSITION`). Blender did not use the field of view of 25 degrees in their metadata.
+Azimuth turns clockwise seen from above: the camera is at distance (cos e cos a, -cos e sin a, sin e), z up.
 """
 
 from collections.abc import Iterable
@@ -48,7 +45,7 @@ class Views(NamedTuple):
 
 def viewpoints(generator: np.random.Generator, count: int = COUNT) -> list[Viewpoint]:
     """`count` viewpoints with the distribution of Choy et al.; the first are the same whatever the count."""
-    drawn = generator.uniform(*zip(AZIMUTH, ELEVATION, DISTANCE, strict=True), (count, 3))
+    drawn = generator.uniform(*np.transpose([AZIMUTH, ELEVATION, DISTANCE]), (count, 3))
     return [Viewpoint(*numbers) for numbers in drawn.tolist()]
 
 

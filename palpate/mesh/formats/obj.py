@@ -68,7 +68,10 @@ def read(path: Path, files: Files) -> Loaded:
                 files.note(name, f"no material library has it: {DRAWN_GREY}")
         more: dict[str, Any] = {"normals": normals[rows[2], :3] if has[2] else None, "uv": coordinates, "wrap": wrap}
         if material is None and colours is not None:
-            more["colours"] = _light(colours[rows[0]])
+            missing = np.isnan(colours[rows[0]]).any(axis=1)
+            light = linear(eight_bit(colours[rows[0]]))
+            light[missing, :3] = round(255 * PLAIN)  # of single vertices without one
+            more["colours"] = None if missing.all() else light
         parts.append(make_part(name or path.name, vertices[rows[0]], vertex_of[mine], material, **more))
     return Loaded(parts)
 
@@ -173,14 +176,6 @@ def _vertices(table: np.ndarray, files: Files) -> tuple[np.ndarray, np.ndarray |
     if np.isnan(colours).all():
         return vertices, None
     return vertices, colours / (255 if np.nanmax(colours) >= 2 else 1)
-
-
-def _light(colours: np.ndarray) -> np.ndarray | None:
-    """Colours (n, 3) as `make_part` takes them: `PLAIN` of single vertices without one, None if none has one."""
-    missing = np.isnan(colours).any(axis=1)
-    light = linear(eight_bit(colours))
-    light[missing, :3] = round(255 * PLAIN)
-    return None if missing.all() else light
 
 
 def _definitions(path: Path, libraries: list[str], files: Files, coloured: bool) -> Definitions:

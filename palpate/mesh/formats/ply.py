@@ -97,7 +97,8 @@ def _elements(data: bytes) -> tuple[dict[str, Properties], list[str]]:
     for name, count, properties in elements:
         width = 8 * len(lines[0].split()) if one_a_line and count else 0
         lines = lines[count:]
-        stored = [tuple(each and (order + each if order else "d") for each in codes) for _, *codes in properties]
+        stored = [(order + code, length and order + length) for _, code, length in properties]
+        stored = stored if order else [("d", length and "d") for _, _, length in properties]
         columns, at = _rows(data, at, name, count, stored, width)
         held[name] = {}
         for (key, code, is_list), (values, lengths) in zip(properties, columns, strict=True):
