@@ -13,8 +13,8 @@ from palpate.batch import UnusableObject, lacks_memory, require_memory
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> Any:
     """Call the function in a forked child process and return its (picklable) result. Raises `UnusableObject` if it
     does, crashes or takes more than `seconds` (a pause of both processes counts as one at most); OSError or MemoryError
-    if it does, also in a library's own words, else RuntimeError, with its traceback; MemoryError too if it is
-    killed.""" context = multiprocessing.get_context("fork")  # no second start of Python and its libraries
+    if it does, also in a library's own words, else RuntimeError, with its traceback; MemoryError too if killed."""
+    context = multiprocessing.get_context("fork")  # no second start of Python and its libraries
     receiver, sender = context.Pipe(duplex=False)
     child = context.Process(target=_answer, args=(sender, function, arguments), daemon=True)
     child.start()
