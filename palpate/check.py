@@ -120,9 +120,8 @@ say = partial(print, sep="\n", flush=True)
 
 
 def check_config(overlays: Sequence[Path | str], name: str | None = None, picture: Path | None = None) -> None:
-    """Print, a line at a time, what a run with these overlays would work on, and draw its hand and one object. name: of
-    the object; without it, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`, which the
-    workflow leaves alone. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them."""
+    """Print what a run with these overlays would work on, and draw its hand and one object: this one, or one that
+    is soon done. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them."""
     start, project = time.monotonic(), Path(__file__).parents[1]  # an editable install, of the workflow's folder
     if not (project / DEFAULT).is_file():
         raise ConfigError("`palpate check` runs with the workflow: install Palpate with `make env` in its own folder")
@@ -332,9 +331,8 @@ def mesh_lines(
 def make_example(
     entry: SourceObject, root: Path, config: Mapping[str, Any], touch_sensor: Sensor, hand: Hand, scratch: Path
 ) -> dict[str, np.ndarray]:
-    """Take an object through every stage, with one grasp and small images, as the run would, and print what came out.
-    Returns images by each camera, alone and in the hand, and readings: (rows, columns, 3 or 4) uint8 by their titles.
-    Raises `UnusableObject` for an object without a surface."""
+    """Take an object through every stage, with one grasp and small images, and print what came out; returns images
+    and readings, (rows, columns, 3 or 4) uint8 by their titles. Raises `UnusableObject` for one without a surface."""
     from palpate import grasp, mesh, scene, surface, touch
     from palpate.dataset.run import fill_untouched
     from palpate.vision import Renderer

@@ -48,9 +48,8 @@ def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, Generato
 def draw(
     rng: Generator, style: str, parameters: Mapping[str, Group], styles: Mapping[str, Mapping[str, Any]]
 ) -> SimpleNamespace:
-    """A value of each parameter, as attributes: a number drawn evenly, or one of the options. styles: of each, bounds
-    or options in place of the parameters' own. The first group is always drawn as in `style`; each other group is drawn
-    as in a style that is chosen at random with the probability `EXCHANGE`."""
+    """A value of each parameter, as attributes. The first group is drawn as in `style`, which has bounds or options in
+    place of the parameters' own; each other group, with the probability `EXCHANGE`, as in any of the styles."""
     values: dict[str, Any] = {}
     names = list(styles)
     for position, group in enumerate(parameters.values()):

@@ -25,9 +25,8 @@ def arc_points(turn: float, radius: float) -> int:
 
 
 def filleted(points: ArrayLike, radii: ArrayLike, closed: bool = False) -> np.ndarray:
-    """A polyline (n, 2) or (n, 3) with its corners rounded by tangent arcs; the ends of an open one stay. radii: (k,)
-    of the points, or one for all, 0 keeps a corner sharp. Where an arc does not fit, it takes up to 49 % of the shorter
-    neighbouring segment."""
+    """A polyline (n, 2) or (n, 3) with its corners rounded by tangent arcs of radii (k,), or one; 0 keeps a corner.
+    The ends of an open one stay. Where an arc does not fit, it takes up to 49 % of the shorter neighbouring segment."""
     points = np.asarray(points, dtype=float)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), len(points))
     result = []

@@ -136,9 +136,8 @@ def _error(number: int, line: bytes, problem: object) -> ValueError:
 def _corners(
     words: list[bytes], faces: np.ndarray, sizes: tuple[int, int, int], lines: list[bytes], files: Files
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The corners that differ (c, 3): vertex, texture coordinate and normal from 0, or `NONE`; and which of them each
-    corner of the faces is. Raises ValueError, with the line, where one refers to what is not there; if the file has
-    none of its kind, that is left out."""
+    """The corners that differ (c, 3), vertex, texture coordinate and normal or `NONE`, also where the file has none
+    of a kind, and which of them each corner of the faces is. Raises ValueError, with the line, for others."""
     number_of = {word: number for number, word in enumerate(dict.fromkeys(words))}
     order = np.fromiter(map(number_of.get, words), np.int64, len(words))
 
