@@ -1,5 +1,7 @@
 """A `Hand` as a MuJoCo specification: joints with position servos, and those of its geoms that collide."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -99,19 +101,12 @@ def lighten(spec: mujoco.MjSpec, joint_positions: np.ndarray) -> None:
 
 def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> mujoco.MjsGeom:
     """One of the hand's geoms on its link's body."""
-    kind, name, mesh = hand.geom_kind[geom], f"hand_geom_{geom}", {}
+    kind, name = hand.geom_kind[geom], f"hand_geom_{geom}"
+    more: dict[str, Any] = {"pos": hand.geom_position[geom], "quat": quaternion(hand.geom_rotation[geom])}
     if kind == "mesh":
         spec.add_mesh(name=name, uservert=hand.geom_vertices[geom].ravel())
-        mesh = {"meshname": name}
-    return body.add_geom(
-        name=name,
-        type=MUJOCO_GEOM[kind],
-        size=hand.geom_size[geom],
-        pos=hand.geom_position[geom],
-        quat=quaternion(hand.geom_rotation[geom]),
-        condim=1,
-        **mesh,
-    )
+        more["meshname"] = name
+    return body.add_geom(name=name, type=MUJOCO_GEOM[kind], size=hand.geom_size[geom], condim=1, **more)
 
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:

@@ -45,7 +45,8 @@ class Views(NamedTuple):
 
 def viewpoints(generator: np.random.Generator, count: int = COUNT) -> list[Viewpoint]:
     """`count` viewpoints with the distribution of Choy et al.; the first are the same whatever the count."""
-    drawn = generator.uniform(*np.transpose([AZIMUTH, ELEVATION, DISTANCE]), (count, 3))
+    low, high = zip(AZIMUTH, ELEVATION, DISTANCE, strict=True)
+    drawn = generator.uniform(low, high, (count, 3))
     return [Viewpoint(*numbers) for numbers in drawn.tolist()]
 
 
