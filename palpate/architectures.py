@@ -15,37 +15,26 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Encoder:
-    """The image encoder.
+    """The image encoder."""
 
-    channels: of each block. layers: convolutions of each block. pool: numbers of the layers whose maps are pooled at
-    vertices, from 1 over all blocks. norm, padding: of the convolutions. project:
-    features that pooled ones are projected to; None: all as they are. downsample: pixels along a side of the squares
-    over which images are averaged first.
-    """
-
-    channels: Sequence[int]
-    layers: Sequence[int]
-    pool: Sequence[int]
-    norm: str = "batch"
+    channels: Sequence[int]  # of each block
+    layers: Sequence[int]  # convolutions of each block
+    pool: Sequence[int]  # numbers of the layers whose maps are pooled at vertices, from 1 over all blocks
+    norm: str = "batch"  # of the convolutions, as padding
     padding: int = 0
-    project: int | None = None
-    downsample: int = 1
+    project: int | None = None  # features that pooled ones are projected to; None: all as they are
+    downsample: int = 1  # pixels along a side of the squares over which images are averaged first
 
 
 @dataclass(frozen=True)
 class GCN:
-    """The graph network.
-
-    normalisation: of neighbourhoods, `symmetric` (the paper's equation 1) or `mean` (the authors' first release).
-    shared_coordinates: how many of its 3 outputs are summed over neighbourhoods (3; the authors' first release: 1).
-    slope: of its ReLUs below 0.
-    """
+    """The graph network."""
 
     layers: int
     width: int
-    normalisation: str = "symmetric"
-    shared_coordinates: int = 3
-    slope: float = 0.0
+    normalisation: str = "symmetric"  # of neighbourhoods (the paper's equation 1), or `mean` (the first release)
+    shared_coordinates: int = 3  # how many of its 3 outputs are summed over neighbourhoods (the first release: 1)
+    slope: float = 0.0  # of its ReLUs below 0
 
 
 @dataclass(frozen=True)
@@ -60,27 +49,17 @@ class Decoder:
 
 @dataclass(frozen=True)
 class Architecture:
-    """The layers and options of one model; defaults are the paper's, as released.
-
-    Attributes:
-        normalise_positions: whether positions are centred and divided by the radius; otherwise they are in metres.
-        init, last_layer_scale: of the graph network's weights, see `palpate.models.gcn`.
-        failed_charts: touch charts of unsuccessful touches in the graph are deformed (`free`, the paper's), or stay at
-            the fingertip (`fixed`).
-        deformations: how often charts are deformed (paper, section 3.1). radius: m, of the initial sphere.
-
-    Raises ValueError for an unknown option, or less than one deformation.
-    """
+    """The layers and options of one model; defaults are the paper's, as released; ValueError for an unknown one."""
 
     encoder: Encoder | None = None
     gcn: GCN | None = None
     decoder: Decoder | None = None
-    failed_charts: str = "free"
-    normalise_positions: bool = False
-    init: str = "paper"
+    failed_charts: str = "free"  # charts of unsuccessful touches are deformed, or stay at the fingertip (`fixed`)
+    normalise_positions: bool = False  # whether positions are centred and divided by the radius, or in metres
+    init: str = "paper"  # of the graph network's weights, as the next: see `palpate.models.gcn`
     last_layer_scale: float = 1.0
-    deformations: int = 3
-    radius: float = ATLAS_RADIUS
+    deformations: int = 3  # how often charts are deformed (paper, section 3.1)
+    radius: float = ATLAS_RADIUS  # m, of the initial sphere
 
     def __post_init__(self) -> None:
         if self.failed_charts not in FAILED_CHARTS:
@@ -111,10 +90,7 @@ PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES = (
 
 
 def paper_architecture(experiment: Experiment) -> Architecture:
-    """The paper's architecture for the modality of an experiment; of a single-image network that of its publication.
-
-    Raises ValueError for an experiment without vision and touch.
-    """
+    """The paper's architecture for an experiment's modality, or a single-image network's own; ValueError for none."""
     if own := SINGLE_IMAGE_ARCHITECTURES.get(experiment.strategy):
         return own
     if experiment.modality not in PAPER_ARCHITECTURES:

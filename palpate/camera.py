@@ -24,16 +24,12 @@ IMAGE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera with square pixels and the principal point at the image's centre.
+    """A pinhole camera with square pixels and the principal point at the image's centre."""
 
-    position: (3,) in the world, metres. rotation: (3, 3), columns are the camera's axes in the world: x right, y up,
-    looking along -z. focal_length and size (the image's width and height) in pixels.
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
-    focal_length: float
-    size: int
+    position: np.ndarray  # (3,) in the world, metres
+    rotation: np.ndarray  # (3, 3), columns are the camera's axes in the world: x right, y up, looking along -z
+    focal_length: float  # pixels
+    size: int  # pixels, the image's width and height
 
     @classmethod
     def from_matrices(cls, intrinsics: np.ndarray, extrinsics: np.ndarray, size: int) -> "Camera":
@@ -41,10 +37,8 @@ class Camera:
         turn, focal_length = np.asarray(extrinsics)[:, :3], float(intrinsics[0][0])
         camera = cls(-turn.T @ np.asarray(extrinsics)[:, 3], turn.T @ IMAGE_FROM_CAMERA, focal_length, size)
         if not (focal_length > 0 and np.allclose(intrinsics, camera.intrinsics(), atol=1e-6 * size)):
-            raise ValueError(
-                f"intrinsics {np.asarray(intrinsics).tolist()} of an image of {size} pixels: expected square pixels "
-                "and the principal point at the image's centre"
-            )
+            expected = "expected square pixels and the principal point at the image's centre"
+            raise ValueError(f"intrinsics {np.asarray(intrinsics).tolist()} of an image of {size} pixels: {expected}")
         return camera
 
     def intrinsics(self) -> np.ndarray:
@@ -68,10 +62,7 @@ class Camera:
         return pose
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (..., 2) as (column, row), and depth (...) along the optical axis, of points (..., 3) in the world.
-
-        Points at or behind the camera have depth <= 0 and pixels of nan.
-        """
+        """Pixels (..., 2) as (column, row), nan behind the camera, and depth (...), of world points (..., 3)."""
         seen = (np.asarray(points, dtype=float) - self.position) @ self.rotation @ IMAGE_FROM_CAMERA
         depth = seen[..., 2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -88,10 +79,7 @@ class Camera:
 
 def matrices(cameras: Sequence[Camera]) -> dict[str, np.ndarray]:
     """Intrinsics (k, 3, 3) and extrinsics (k, 3, 4) of k cameras, as the vision store has them."""
-    return {
-        "intrinsics": np.stack([camera.intrinsics() for camera in cameras]),
-        "extrinsics": np.stack([camera.extrinsics() for camera in cameras]),
-    }
+    return {key: np.stack([getattr(camera, key)() for camera in cameras]) for key in ("intrinsics", "extrinsics")}
 
 
 def paper_camera(size: int = IMAGE_SIZE) -> Camera:
@@ -126,9 +114,7 @@ def looking_at(
 
 def rotation_about(axis: int, angle: float) -> np.ndarray:
     """(3, 3) rotation of points by `angle` radians about coordinate axis 0, 1 or 2."""
-    rotation = np.eye(3)
-    first, second = (axis + 1) % 3, (axis + 2) % 3
+    rotation, first, second = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
     rotation[first, first] = rotation[second, second] = np.cos(angle)
-    rotation[second, first] = np.sin(angle)
-    rotation[first, second] = -np.sin(angle)
+    rotation[second, first], rotation[first, second] = np.sin(angle), -np.sin(angle)
     return rotation

@@ -1,10 +1,4 @@
-"""A config looked at before its run, in seconds: its objects, its hand, and one object through every stage.
-
-    palpate check mine.yaml
-
-`resolve` is what the workflow checks at its start, too. The rest opens some of the meshes and takes one of them as far
-as images, with the engines that make the dataset.
-"""
+"""A config looked at before its run, in seconds: its objects, its hand, and one object through every stage."""
 
 import logging
 import re
@@ -30,7 +24,6 @@ from palpate.experiments import Experiments
 from palpate.hand import DURATION, Hand
 from palpate.learning import tuning
 from palpate.learning.recipes import Recipe
-from palpate.mesh.recognise import what_it_is
 from palpate.sensor import Sensor
 
 DEFAULT, SCHEMA = "config/config.yaml", "workflow/schemas/config.schema.yaml"
@@ -54,16 +47,14 @@ class HandFiles(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What a config means: the run's folder, its source, objects of each class, all objects, objects a batch and the
-    batch of each that the run has had, an own hand or None, the touch sensor, the experiments that there are, and how
-    they are trained."""
+    """What a config means."""
 
-    folder: str
+    folder: str  # the run's
     source: Source
-    classes: dict[str, int | str]
+    classes: dict[str, int | str]  # objects of each
     entries: list[SourceObject]
     batch_size: int
-    batches: dict[str, str]
+    batches: dict[str, str]  # of each object that the run has had
     hand: HandFiles | None
     sensor: Sensor
     experiments: Experiments
@@ -71,21 +62,16 @@ class Settings(NamedTuple):
 
 
 def checked(path: str) -> str:
-    """The path, if Snakemake takes it as it is: its wildcards have a name, and maybe a pattern after a comma.
-
-    Raises `ConfigError` for another.
-    """
+    """The path. Raises `ConfigError` for one in which Snakemake would see a wildcard."""
     if re.search(r"\{\s*\w+\s*(,([^{}]|\{[\d,]+\})*)?\}|<[a-z][a-z0-9_]*>", path):
         raise ConfigError(f"{path}: Snakemake takes {{...}} and <...> in a path for placeholders: rename it")
     return path
 
 
 def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
-    """What a config that fits the schema means; no mesh is opened. Relative paths are the project's.
-
-    Raises `ConfigError` and `catalogue.CatalogueError`, in a line with the remedy, for a file that is missing or
-    invalid, a source without what is asked of it, keys that contradict each other, and a folder that has another run.
-    """
+    """What a config that fits the schema means; no mesh is opened. Relative paths are the project's. Raises
+    `ConfigError` and `catalogue.CatalogueError`, with the remedy, for a file that is missing or invalid, a source
+    without what is asked of it, keys that contradict each other, and a folder that has another run."""
     folder = str(Path(absolute(config["results"], project), config["run"]))
     catalogue.check_same_run(folder, config, project)
     settings, schemas, training = Path(project, "config"), Path(project, "workflow/schemas"), config["training"]
@@ -99,9 +85,8 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     for entry in entries:
         checked(f"{source.path}/{entry.source}")
     batch_size, places = catalogue.read_batches(folder, config["batch_size"], len(entries))
-    grasps = config["grasps"]
-    own = grasps["hand"]
-    hand = HandFiles(absolute(own["mjcf"], project), absolute(own["sensors"], project)) if own else None
+    grasps, own = config["grasps"], config["grasps"]["hand"]
+    hand = HandFiles(*(absolute(own[key], project) for key in HandFiles._fields)) if own else None
     touch_sensor = sensor.load(config["touch"]["sensor"], project)
     for path in hand or ():
         if not Path(path).is_file():
@@ -116,9 +101,9 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
         f"frames.images: at most frames.count, {frames['count']}": frames["images"] > frames["count"],
     }
     if source.kind == "released":
+        another = touch_sensor.geometry != sensor.DIGIT.geometry
         contradictions |= {
-            "touch.sensor: released data are of the DIGIT: leave it `digit`": touch_sensor.geometry
-            != sensor.DIGIT.geometry,
+            "touch.sensor: released data are of the DIGIT: leave it `digit`": another,
             "hold: released data have no grasps that could be tested: set test to false": config["hold"]["test"],
             "touch.pressed: released data have no forces: set it to false": config["touch"]["pressed"],
             "press: released data have no meshes that could be pressed: set count to 0": config["press"]["count"],
@@ -131,15 +116,12 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     return Settings(folder, source, classes, entries, batch_size, places, hand, touch_sensor, experiments, recipe)
 
 
-say = partial(print, flush=True)
+say = partial(print, sep="\n", flush=True)
 
 
 def check_config(overlays: Sequence[Path | str], name: str | None = None, picture: Path | None = None) -> None:
-    """Print, a line at a time, what a run with these overlays would work on, and draw its hand and one object.
-
-    name: of the object; without it, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`,
-    which the workflow leaves alone. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them.
-    """
+    """Print what a run with these overlays would work on, and draw its hand and one object: this one, or one that
+    is soon done. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them."""
     start, project = time.monotonic(), Path(__file__).parents[1]  # an editable install, of the workflow's folder
     if not (project / DEFAULT).is_file():
         raise ConfigError("`palpate check` runs with the workflow: install Palpate with `make env` in its own folder")
@@ -148,8 +130,7 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     check(config, project / SCHEMA, FILES)
     settings = resolve(config, project)
     checksums = same_size_checksums(settings)
-    for line in object_lines(settings, config, checksums):
-        say(line)
+    say(*object_lines(settings, config, checksums))
     if settings.source.kind == "released":
         return say("released data are read, not simulated: there is nothing to try")
     from palpate.vision import blender
@@ -166,12 +147,14 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
         root = Path(scratch if settings.source.kind == "procedural" else settings.source.path)
         looks = [look(entry, root) for entry in _opened(settings, name, config["seed"], root)]
-        for line in mesh_lines(looks, settings, config, checksums):
-            say(line)
+        say(*mesh_lines(looks, settings, config, checksums))
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
-        for line in sensor_lines(hand, settings.sensor):
-            say(line)
+        places = {"sensor plane": 0, "gel's face": face, "end of range": settings.sensor.range}  # m along a sensor's x
+        for sensor_name, surface in zip(hand.sensor_names, hand.contact_distance(), strict=True):
+            stated = ", ".join(f"{what} {1e3 * (place - surface):+.0f}" for what, place in places.items())
+            where = f", mm out of the surface of its link: {stated}" if surface else ": its x misses its link"
+            say(f"  {sensor_name}{where}")
         pictures: dict[str, np.ndarray] = {}
         for class_name, trials in _examples(looks, name).items():
             if pictures and time.monotonic() - start > EXAMPLE_SECONDS:
@@ -195,10 +178,7 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
 
 
 def object_lines(settings: Settings, config: Mapping[str, Any], checksums: Mapping[str, str]) -> Iterator[str]:
-    """The source, its objects by class and split, files that are passed over, and splits that lack objects.
-
-    checksums: of the objects, by name.
-    """
+    """The source, its objects by class and split, files that are passed over, and splits that lack objects."""
     source, entries = settings.source, settings.entries
     splits = catalogue.splits_of(entries, config["split"], config["seed"], catalogue.copies(checksums))
     counts = Counter((entry.class_name, splits[entry.object]) for entry in entries)
@@ -233,9 +213,9 @@ def same_size_checksums(settings: Settings) -> dict[str, str]:
         if path.is_file():
             sizes[path.stat().st_size].append((entry.object, path))
     total = 0
-    for size, same in sorted(sizes.items()):
-        total += size * len(same) * (len(same) > 1)
-        if len(same) > 1 and total <= COMPARED_BYTES:
+    for size, same in sorted((size, same) for size, same in sizes.items() if len(same) > 1):
+        total += size * len(same)
+        if total <= COMPARED_BYTES:
             checksums |= {name: catalogue.checksum(path, settings.source.path) for name, path in same}
     return checksums
 
@@ -243,12 +223,10 @@ def same_size_checksums(settings: Settings) -> dict[str, str]:
 def _advice(files: Sequence[str], source: Source) -> str:
     """How to take the first of some files that show the same, and no other."""
     first, *others = map(Path, files)
-    start, last = "{class}/" if source.has_class_folders else "", ""
-    if first.suffix not in {other.suffix for other in others}:
-        last = f"*{first.suffix}"
-    elif first.name not in {other.name for other in others}:
-        last = first.name
-    advice = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; ' if last else ""
+    start, advice = "{class}/" if source.has_class_folders else "", ""
+    for last, own in ((f"*{first.suffix}", "suffix"), (first.name, "name")):
+        if not advice and getattr(first, own) not in {getattr(other, own) for other in others}:
+            advice = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; '
     return f"{advice}a line `{others[0]},yes` of source.objects (path,exclude) leaves a file out"
 
 
@@ -258,32 +236,25 @@ def _unlike_lines(settings: Settings) -> Iterator[str]:
     entries = settings.entries[:: 1 + len(settings.entries) // MOST_READ] if settings.source.kind in LAYOUTS else ()
     for file in (file for entry in entries for file in (entry.source, *entry.others)):
         path = Path(settings.source.path, file)
-        if not named_files.unusable(path) and path.is_file() and (what := what_it_is(path)):
+        if not named_files.unusable(path) and path.is_file() and (what := named_files.what_it_is(path)):
             unlike[what].append(file)
     for what, files in unlike.items():
         yield f"{len(files)} x {what} ({catalogue.listed(files, NAMED)})"
 
 
 class Look(NamedTuple):
-    """A mesh file that was opened.
-
-    Attributes: extent, its box from corner to corner in its own unit; faces; missing, what is wrong with files that it
-        names, by their names; shape, as `palpate.mesh.facts` has it; problem, why it can't be used, or empty.
-    """
+    """A mesh file that was opened."""
 
     entry: SourceObject
-    extent: float = 0.0
+    extent: float = 0.0  # its box from corner to corner in its own unit
     faces: int = 0
-    missing: Mapping[str, str] = {}
-    shape: Sequence[float] = ()
-    problem: str = ""
+    missing: Mapping[str, str] = {}  # what is wrong with files that it names, by their names
+    shape: Sequence[float] = ()  # as `palpate.mesh.facts` has it
+    problem: str = ""  # why it can't be used
 
 
 def _opened(settings: Settings, name: str | None, seed: int, root: Path) -> list[SourceObject]:
-    """The objects whose meshes are opened, of each class in turn, and first the one that was asked for.
-
-    root: of the sources; procedural ones are written into it.
-    """
+    """The objects whose meshes are opened, of each class in turn, first the named one; procedural: made in root."""
     by_class = ([entry for entry in settings.entries if entry.class_name == kind] for kind in settings.classes)
     turns = [entry for turn in zip_longest(*by_class) for entry in turn if entry]
     known = [entry.object for entry in turns]
@@ -306,35 +277,17 @@ def _opened(settings: Settings, name: str | None, seed: int, root: Path) -> list
 
 def look(entry: SourceObject, root: Path) -> Look:
     """Open an object's mesh, in a process of its own. root: of the sources."""
-    import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
-    from palpate.mesh.isolation import isolated
+    from palpate.mesh import build, isolation  # once, and not in each of the processes
 
+    path = root / entry.source
     try:
-        return Look(entry, *isolated(_open, root / entry.source, entry.scale, root, seconds=SECONDS_A_MESH))
+        return Look(entry, *isolation.isolated(build.measure, path, entry.scale, root, seconds=SECONDS_A_MESH))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
-        return Look(entry, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
-
-
-def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str], list[float]]:
-    """Extent, faces, what is wrong with files that it names, and its shape."""
-    from palpate.mesh.build import joined, size
-    from palpate.mesh.load import load
-
-    (parts, unit), missing = load(path, root)
-    vertices, faces, _ = joined(parts, path)
-    corner = vertices[faces]
-    sides = np.ptp(corner.reshape(-1, 3), axis=0)
-    extent = float(np.linalg.norm(sides))
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
-    if not area:
-        raise UnusableObject(f"{path}: none of its {len(faces)} triangles has an area: export its surface")
-    size(path, extent, scale, unit)
-    return extent, len(faces), missing, [float(length) / extent for length in (*sides, area**0.5)]
+        return Look(entry, problem=str(error).strip().splitlines()[-1].removeprefix(f"{path}: "))
 
 
 def _examples(looks: Sequence[Look], name: str | None) -> dict[str, list[Look]]:
-    """The meshes of some classes that are tried for an example, those of the fewest faces first, and none that are for
-    collisions only; name: of the object that was asked for."""
+    """Meshes that are tried as examples, of some classes, of the fewest faces first, or of this name; no hulls."""
     by_class: dict[str, list[Look]] = defaultdict(list)
     for opened in sorted(looks, key=lambda opened: opened.faces):
         entry = opened.entry
@@ -354,9 +307,8 @@ def mesh_lines(
     yield f"opened {len(looks)}{share} meshes, of which {len(sound)} can be used"
     if sound:
         extents, faces = sorted(opened.extent for opened in sound), [opened.faces for opened in sound]
-        sizes = (
-            f"{extents[0]:.3g} to {extents[-1]:.3g} units of the file across, {min(faces):,} to {max(faces):,} faces"
-        )
+        sizes = f"{extents[0]:.3g} to {extents[-1]:.3g} units of the file across"
+        sizes += f", {min(faces):,} to {max(faces):,} faces"
         yield f"  {sizes}; scale {settings.source.scale}, up {settings.source.up}"
         if extents[len(extents) // 2] > LARGEST and settings.source.scale == "diagonal":
             yield "  units look like millimetres or centimetres: `source: {scale: 0.001}`, or 0.01, would keep sizes"
@@ -376,25 +328,11 @@ def mesh_lines(
         yield f"  {len(hulls)} objects have a collision mesh only, by its name ({catalogue.listed(hulls, NAMED)})"
 
 
-def sensor_lines(hand: Hand, touch_sensor: Sensor) -> Iterator[str]:
-    """Where each sensor's plane, gel's face and end of range lie, along its x from the surface of its link."""
-    for name, surface in zip(hand.sensor_names, hand.contact_distance(), strict=True):
-        if not surface:
-            yield f"  {name}: its x misses its link"
-            continue
-        places = {"sensor plane": 0, "gel's face": touch_sensor.gel_face, "end of range": touch_sensor.range}
-        stated = ", ".join(f"{what} {1e3 * (place - surface):+.0f}" for what, place in places.items())
-        yield f"  {name}, mm out of the surface of its link: {stated}"
-
-
 def make_example(
     entry: SourceObject, root: Path, config: Mapping[str, Any], touch_sensor: Sensor, hand: Hand, scratch: Path
 ) -> dict[str, np.ndarray]:
-    """Take an object through every stage, with one grasp and small images, as the run would, and print what came out.
-
-    Returns images by each camera, alone and in the hand, and readings: (rows, columns, 3 or 4) uint8 by their titles.
-    Raises `UnusableObject` for an object without a surface.
-    """
+    """Take an object through every stage, with one grasp and small images, and print what came out; returns images
+    and readings, (rows, columns, 3 or 4) uint8 by their titles. Raises `UnusableObject` for one without a surface."""
     from palpate import grasp, mesh, scene, surface, touch
     from palpate.dataset.run import fill_untouched
     from palpate.vision import Renderer

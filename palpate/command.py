@@ -12,15 +12,17 @@ palpate calibrate images --ball 0.004 --sensor mine.yaml    a real sensor's ligh
 import argparse
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+
+import yaml
 
 import palpate
 
 # Extras of the package that bring what a command may lack, by the first module that is missed.
 EXTRAS = dict.fromkeys(("bpy", "embreex", "igl", "mujoco", "OpenEXR", "pymeshlab"), "factory")
 EXTRAS |= dict.fromkeys(("lightning_fabric", "matplotlib", "torch"), "models") | {"pyarrow": "parquet"}
+TYPES = {"path": Path, "int": int, "float": float}  # of arguments, as command.yaml calls them
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,15 +32,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--version", action="version", version=f"palpate {palpate.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
-    for name, command in COMMANDS.items():
-        own = commands.add_parser(name, help=command.help, description=f"{command.help.capitalize()}.")
-        if name not in ("check", "calibrate"):
-            own.add_argument("run", type=Path, help="the run's folder, for example results/default")
-        for argument, options in command.arguments.items():
-            own.add_argument(argument, **options)
+    for name, command in yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")).items():
+        own = commands.add_parser(name, help=command["does"], description=f"{command['does'].capitalize()}.")
+        for argument, options in command["arguments"].items():
+            own.add_argument(argument, **options | ({"type": TYPES[options["type"]]} if "type" in options else {}))
     args = parser.parse_args(arguments)
     try:
-        status = COMMANDS[args.command].run(args)
+        status = COMMANDS[args.command](args)
         sys.stdout.flush()
         return status
     except BrokenPipeError:  # what reads the output has ended, as `head` does
@@ -174,81 +174,7 @@ def calibrate(args: argparse.Namespace) -> int:
     return 0
 
 
-class Command(NamedTuple):
-    """A command: what runs it, its help, and its arguments as `add_argument` takes them."""
-
-    run: Callable[[argparse.Namespace], int]
-    help: str
-    arguments: Mapping[str, Mapping[str, Any]]
-
-
-OBJECT: dict[str, Any] = {"help": "its name in catalogue.csv, for example bottle-0011"}
-MODEL: dict[str, dict[str, Any]] = {
-    "--seed": {"type": int, "help": "of the trained model (default: the first there is)"},
-    "--device": {"default": "cpu", "help": "of torch (default: cpu)"},
-}
-COMMANDS = {
-    "check": Command(check, "check a config and its meshes before a run, and draw the hand and one object", {
-        "config": {"type": Path, "nargs": "*", "help": "overlays, as --configfile takes them (default: none)"},
-        "--object": {"help": "taken through every stage (default: one that is soon done)"},
-        "--output": {"type": Path, "metavar": "PNG", "help": "the picture (default: results/<run>/check.png)"},
-    }),
-    "view": Command(view, "write pages that show objects, hands, touches and predictions", {
-        "object": {"nargs": "?", "help": "its name in catalogue.csv (default: the page of the whole run)"},
-        "--grasps": {"type": int, "nargs": "+", "metavar": "G", "help": "numbers of the grasps shown (default: all)"},
-        "--model": {"metavar": "EXPERIMENT", "help": "show its predictions too: charts_occluded_touch, ..."},
-        **MODEL,
-        "--all": {"action": "store_true", "help": "write the page of every object, and that of the run"},
-        "--output": {
-            "type": Path, "metavar": "FOLDER", "help": "for pages (default: <run>/viewer, <run>/index.html)"
-        },
-    }),
-    "reconstruct": Command(reconstruct, "reconstruct an object of a run with one of the run's models", {
-        "experiment": {"help": "of config/experiments.yaml, for example charts_occluded_touch"},
-        "object": OBJECT,
-        "--grasp": {
-            "type": int, "nargs": "+", "metavar": "G", "help": "numbers of the grasps (default: the first ones)"
-        },
-        "--view": {"type": int, "default": 0, "help": "number of the view, or of the camera (default: 0)"},
-        **MODEL,
-        "--output": {"type": Path, "required": True, "help": "mesh file; its suffix says the format, as .ply"},
-    }),
-    "validate": Command(validate, "check every file and array of a run", {
-        "--sources": {
-            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them (default: of its config)"
-        },
-    }),
-    "calibrate": Command(calibrate, "fit a sensor's lights to real images of a ball pressed into its gel", {
-        "folder": {"type": Path, "help": "of images, and untouched.png"},
-        "--ball": {"type": float, "metavar": "M", "help": "the ball's diameter, m (default: of circles.csv)"},
-        "--sensor": {
-            "type": Path, "required": True, "metavar": "YAML",
-            "help": "the sensor's file, written; if it exists, its size, pixels and gel are kept",
-        },
-        "--extends": {"metavar": "SENSOR", "help": "whose size, pixels and gel to take (default: gelsight_mini)"},
-        "--circles": {
-            "type": Path, "metavar": "CSV",
-            "help": "columns of docs/calibrate.md (default: <folder>/circles.csv, else found)",
-        },
-        "--table": {"action": "store_true", "help": "fit a table of colours over normals, not lights"},
-    }),
-    "info": Command(info, "print what a run holds", {}),
-    "export": Command(export, "write a run in another layout, with a data card", {
-        "output": {"type": Path, "help": "a new folder"},
-        "--format": {
-            "choices": ("webdataset", "parquet", "zarr"),
-            "default": "webdataset",
-            "help": "tar shards; Parquet and images, for load_dataset of Hugging Face; Zarr, for xarray",
-        },
-        "--samples": {
-            "choices": ("grasps", "presses"), "default": "grasps", "help": "what a sample is (default: grasps)"
-        },
-        "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
-        "--license": {"default": "unknown", "help": "of the data, by its SPDX name, as CC-BY-4.0 (https://spdx.org/licenses)"},
-        "--source": {"default": "", "help": "where the meshes are from and on what terms, for the data card"},
-    }),
-}  # fmt: skip
-
+COMMANDS = {run.__name__: run for run in (check, view, reconstruct, validate, calibrate, info, export)}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -31,10 +31,7 @@ def not_among(name: str, known: Iterable[str]) -> str:
 
 
 def absolute(path: Path | str, project: Path | str) -> str:
-    """A path of the config: `~` is the user's home folder, a relative one is the project's.
-
-    Raises `ConfigError` for the home folder of an unknown user.
-    """
+    """A path of the config: `~` is the user's home (ConfigError if unknown), a relative one is the project's."""
     try:
         return str(Path(project) / Path(path).expanduser())
     except RuntimeError as error:
@@ -42,10 +39,8 @@ def absolute(path: Path | str, project: Path | str) -> str:
 
 
 def merge(base: Mapping[str, Any], overlay: Mapping[str, Any]) -> dict[str, Any]:
-    """A config with an overlay's keys: sections key by key, all else in place of what was there. Neither is changed.
-
-    As `--configfile` does it (`snakemake.utils.update_config`): lists are replaced, an empty section changes nothing.
-    """
+    """A config with an overlay's keys, as `--configfile` does it (`snakemake.utils.update_config`): sections key by
+    key, all else in place of what was there; an empty section changes nothing. Neither is changed."""
     merged = dict(base)
     for key, value in overlay.items():
         below = merged.get(key, {})
@@ -58,9 +53,7 @@ def merge(base: Mapping[str, Any], overlay: Mapping[str, Any]) -> dict[str, Any]
 
 def read_config(default: Path | str, overlays: Sequence[Path | str]) -> dict[str, Any]:
     """The config that `--configfile <overlays>` gives: the overlays one over the other, and these over the default.
-
-    Raises `ConfigError` for a file that is missing, or is not YAML with keys at its top level.
-    """
+    Raises `ConfigError` for a file that is missing, or is not YAML with keys at its top level."""
     read = []
     for path in (default, *overlays):
         if not Path(path).is_file():
@@ -85,10 +78,7 @@ def typed(value: Any) -> Any:
 
 
 def parse_texts(config: dict[str, Any], schema: Path | str) -> None:
-    """Replace, in place, texts that the schema refuses by what YAML reads them as.
-
-    A command line's `--config` leaves all values in braces or brackets as texts.
-    """
+    """Replace, in place, texts that the schema refuses by what YAML reads them as: `--config` leaves texts."""
     for section in filter(lambda value: isinstance(value, dict), config.values()):
         section.update({key: None for key, value in section.items() if value == "null"})
     for error in list(_validator(schema).iter_errors(config)):
@@ -103,14 +93,12 @@ class _Loader(yaml.SafeLoader):
     """YAML, but a key that stands twice in a mapping is an error, and so is a value that contains itself."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """A value. Raises YAMLError for one that contains itself."""
         node = super().compose_node(parent, index)
         if node is not None and node.end_mark is None:  # named by an alias within it
             raise yaml.YAMLError(f"line {node.start_mark.line + 1}: this value contains itself: remove the alias in it")
         return node
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        """A mapping. Raises YAMLError for a key that stands twice in it."""
         node = super().compose_mapping_node(anchor)
         keys = [key.value for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
         if twice := [key for place, key in enumerate(keys) if key in keys[:place]]:
@@ -120,11 +108,8 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_yaml(path: Path | str) -> Any:
-    """What a YAML file holds.
-
-    Raises `ConfigError`, naming file and line, if it can't be read, a key stands twice in a mapping, or a value
-    contains itself.
-    """
+    """What a YAML file holds. Raises `ConfigError`, naming file and line, if it can't be read, a key stands twice in a
+    mapping, or a value contains itself."""
     try:
         return yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)
     except RecursionError:
@@ -151,10 +136,7 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
 
 
 def _unusable(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
-    """A line for each value in nested dictionaries and lists that a schema takes and nothing can use.
-
-    These are numbers that are NaN or infinite, and texts with control characters.
-    """
+    """A line for each number that is NaN or infinite, and each text with control characters, in nested values."""
     place = ".".join(where) or "top level"
     if isinstance(value, dict | list):
         for key, item in value.items() if isinstance(value, dict) else enumerate(value):
@@ -201,10 +183,7 @@ def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
 
 
 def check(instance: Any, schema: Path | str, what: str) -> None:
-    """Raise `ConfigError` with one line for each place where `instance` does not fit the schema file.
-
-    `what` names the thing in the message, e.g. the config files that were read.
-    """
+    """Raise `ConfigError` with a line for each place where `instance`, called `what`, does not fit the schema."""
     errors = sorted(_validator(schema).iter_errors(instance), key=lambda error: list(map(str, error.absolute_path)))
     # A key that is wrong in several ways (a failed `required` names each missing key) is said once.
     lines = list(dict.fromkeys(line for error in errors for line in _say(error)))

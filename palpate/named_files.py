@@ -1,10 +1,7 @@
-"""The files that a mesh file names: which they are, where they are, how large their pictures are.
-
-No mesh is loaded. Reading takes time in proportion to the file, of which no more than `MOST` bytes are searched. Names
-that can't be a file's, and what is no regular file (a pipe, a device), count as missing.
+"""What a mesh file is by its beginning, and the files that it names: which and where they are; no mesh is loaded.
 
 obj: material libraries, and the textures that these name. gltf, glb: buffers and images. dae: images. ply: textures
-(`comment TextureFile`). stl, off, 3mf: none.
+(`comment TextureFile`). stl, off, 3mf: none. What is no regular file (a pipe, a device) counts as missing.
 """
 
 import contextlib
@@ -12,10 +9,11 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
+
+from palpate.configuration import read_yaml
 
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".tga", ".gif", ".webp")
 # Seen from the mesh file's folder: beside it, and where Gazebo's models have them, as Google's scanned objects.
@@ -37,6 +35,20 @@ PATTERNS = {
     ".ply": re.compile(rb"\ncomment[ \t]+texturefile[ \t]+" + NAME, re.IGNORECASE),
 }
 
+_TABLES = read_yaml(Path(__file__).with_name("unread.yaml"))
+# Name and remedy of formats that are not read, by suffix.
+UNREAD: dict[str, tuple[str, str]] = {
+    suffix: (name, remedy)
+    for remedy, formats in _TABLES["unread"].items()
+    for name, suffixes in formats.items()
+    for suffix in suffixes.split()
+}
+_XML = r"(?:<\?xml[^>]*>\s*)?(?:<!--(?s:.*?)-->\s*)*"
+_BEGINNINGS = [
+    (re.compile(rf"\s*(?:{pattern.replace('%XML', _XML)})".encode()), meaning)
+    for pattern, meaning in _TABLES["beginnings"]
+]
+
 
 def unusable(path: Path | str) -> str:
     """Why a path can't be a mesh's, whatever the file holds; empty if it can, or if there is no such file."""
@@ -46,11 +58,22 @@ def unusable(path: Path | str) -> str:
     return "it is a folder, a pipe or a device, not a regular file: remove it" if special else ""
 
 
-def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
-    """The files, relative to the mesh's folder and sorted, that a mesh file names and that exist below root.
+def what_it_is(path: Path | str) -> str:
+    """What a file is by its content, and the remedy, if it is not what its suffix says; else empty."""
+    suffix = Path(path).suffix.lower()
+    with open(path, "rb") as file:
+        head = file.read(4096).removeprefix(b"\xef\xbb\xbf")
+    meaning = next((meaning for pattern, meaning in _BEGINNINGS if pattern.match(head)), suffix)
+    if meaning == suffix or (suffix == ".3mf" and head[:2] == b"PK"):
+        return ""
+    if meaning in UNREAD:
+        return "{} by its content: {}".format(*UNREAD[meaning])
+    return f"{meaning[1:].upper()} by its content: rename it to {meaning}" if meaning[0] == "." else meaning
 
-    root: as for `find`. head: read only so many bytes of an OBJ, which can be long; -1: all of it.
-    """
+
+def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
+    """The files, relative to the mesh's folder and sorted, that a mesh file names and that exist below root, as for
+    `find`; head: read only so many bytes of an OBJ, which can be long; -1: all of it."""
     suffix = path.suffix.lower()
     if suffix not in (".obj", ".glb", *PATTERNS) or unusable(path) or not path.is_file():
         return []
@@ -135,32 +158,25 @@ def text(name: bytes) -> str:
 
 
 def find(path: Path, name: str, root: Path | str | None = None) -> str | None:
-    """A file that a mesh file names, relative to the mesh's folder; None if there is none, or outside the root.
+    """A file that a mesh file names, relative to the mesh's folder; None if there is none, or outside the root, which
+    is by default the folder above the mesh's. Links on the way to the mesh, and within folders, may lead anywhere.
 
     The first that exists of: the name in `FOLDERS`, without a comment, quotes or URI escapes if need be, without a
-    leading slash, and its last part beside the mesh. root: the folder that it has to be in; default: the one
-    above the mesh's. Links on the way to the mesh, and within the folders that it names, may lead anywhere.
+    leading slash, and its last part beside the mesh.
     """
-    places = (place for place in _places(name) if os.path.isfile(path.parent / place))
-    return next((place for place in places if _inside(path, place, root)), None)
+    plain = name.strip().replace("\\", "/")
+    bare = without_comment(plain).strip('"')
+    for form in dict.fromkeys((plain, bare, unquote(plain), unquote(bare))) if len(name) <= LONGEST else ():
+        in_folders = (str(PurePosixPath(folder, form)) for folder in FOLDERS)
+        for place in (*in_folders, form.lstrip("/"), os.path.basename(form)):
+            if os.path.isfile(path.parent / place) and _inside(path, place, root):
+                return place
+    return None
 
 
 def is_outside(path: Path, name: str, root: Path | str | None = None) -> bool:
     """Whether a file that a mesh file names exists, but outside the root of `find`."""
     return find(path, name, root) is None and find(path, name, "/") is not None
-
-
-def _places(name: str) -> Iterator[str]:
-    """Where a file of this name may be, seen from the mesh's folder, the best place first."""
-    if len(name) > LONGEST:
-        return
-    plain = name.strip().replace("\\", "/")
-    bare = without_comment(plain).strip('"')
-    for form in dict.fromkeys((plain, bare, unquote(plain), unquote(bare))):
-        for folder in FOLDERS:
-            yield str(PurePosixPath(folder, form))
-        yield form.lstrip("/")
-        yield os.path.basename(form)
 
 
 def _inside(path: Path, place: str, root: Path | str | None) -> bool:
@@ -191,20 +207,14 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
                     files.append(io.BytesIO(glb.read(min(view["byteLength"], 1 << 20))))
     total = 0
     for picture in files:
-        try:
-            with PIL.Image.open(picture) as image:
-                width, height = image.size
-        except Exception:  # whatever a broken file makes a reader trip over: the meshes stage names it
-            continue
-        total += width * height if max(width, height) <= LARGEST_SIDE else 0
+        # Whatever a broken file makes a reader trip over: the meshes stage names it.
+        with contextlib.suppress(Exception), PIL.Image.open(picture) as image:
+            total += image.width * image.height if max(image.size) <= LARGEST_SIDE else 0
     return total
 
 
 def gltf_tree(path: Path, most: int | None = None) -> tuple[dict[str, Any], int]:
-    """The JSON of a .gltf or .glb file, and where a .glb's binary data begin.
-
-    Raises ValueError if it is damaged, nested too deep, or longer than `most` bytes.
-    """
+    """The JSON of a .gltf or .glb, and where a .glb's binary data begin; ValueError if damaged or over `most` bytes."""
     length = start = 0
     with open(path, "rb") as file:
         if path.suffix.lower() == ".glb":

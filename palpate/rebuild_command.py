@@ -15,10 +15,8 @@ BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up
 
 
 def run_folder(path: Path | str) -> Path:
-    """The run's folder that a path is in, or is: the nearest that looks like one.
-
-    If none does, the one that a folder of such a name in the path would be in; else that of a store at the path.
-    """
+    """The run's folder that a path is in, or is: the nearest that looks like one; if none does, the one that a folder
+    of such a name in the path would be in; else that of a store at the path."""
     path = Path(os.path.abspath(path))
     places = [path, *path.parents]
     if path.parts[-3:-2] == (REJECTED,) and not (places[2] / RECORD).exists():
@@ -40,10 +38,7 @@ def label_of(path: Path | str) -> str:
 
 
 def rebuild_command(path: Path | str, *targets: str) -> str:
-    """The command that makes a file of a run, or some of the run's targets instead: from the project's root.
-
-    path: the file, or any path in the run if targets are given. Braces in targets are left to the shell.
-    """
+    """The command that makes a file of a run, or targets (braces are the shell's), from the project's root."""
     folder = run_folder(path)
     asked = targets or (os.path.relpath(os.path.abspath(path), folder),)
     record = folder / RECORD
@@ -53,10 +48,7 @@ def rebuild_command(path: Path | str, *targets: str) -> str:
 
 
 def rebuild_advice(path: Path | str, what: str = "it") -> str:
-    """How to make a file of a run that is missing or damaged, as the end of a message.
-
-    what: the file, where `it` would be unclear.
-    """
+    """How to make a missing or damaged file of a run, as the end of a message; what: the file, for `it`."""
     path, there = Path(path), os.path.lexists(path)
     if path.name in (RECORD, BATCHES):  # batches are then formed anew, and those that differ are made again
         return f"{f'remove {what} and ' if there else ''}start the run again, which writes it"

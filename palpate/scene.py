@@ -6,6 +6,7 @@ Touch and vision read it. Everything is in the world frame: metres, z up.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +49,7 @@ LIGHT_KEYS = {
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One object, alone or in g grasps of a hand with L links and s touch sensors.
-
-    Raises ValueError for poses of links without a hand.
-    """
+    """One object, alone or in g grasps of a hand with L links and s touch sensors; ValueError for poses without it."""
 
     object_folder: Path  # its mesh files; `visual.glb` is what is touched and seen
     hand: Hand | None = None  # None if the object is alone
@@ -92,24 +90,21 @@ DRAWS = 100  # of cameras and lights that have to be possible
 
 
 def draw(settings: Mapping[str, Any], seed: int, name: str) -> dict[str, Any]:
-    """The config's section `vision` for one object: for each range `{from, to}` a uniform number from it.
-
-    Numbers depend on the seed, the object's name and the key (`LOOK`) only. Impossible cameras or lights are drawn
-    again. Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are impossible.
-    """
-    attempt = 0
-    while True:
+    """The config's section `vision` for one object: for each range `{from, to}` a uniform number from it. Numbers
+    depend on the seed, the object's name and the key (`LOOK`) only. Impossible cameras or lights are drawn again.
+    Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are impossible."""
+    for attempt in count():
         drawn = dict(settings)
         for key in LOOK:
             rng = generator(seed, name, "vision", key, str(attempt))
             drawn[key] = _drawn(settings[key], rng, f"config vision.{key}")
-        attempt += 1
         try:
             cameras(drawn), lights(drawn)
-            return drawn
+            break
         except ConfigError:
-            if attempt == DRAWS or drawn == settings:
+            if attempt == DRAWS - 1 or drawn == settings:
                 raise
+    return drawn
 
 
 def _drawn(value: Any, numbers: np.random.Generator, where: str) -> Any:
@@ -135,14 +130,11 @@ def _place(position: Sequence[float] | Mapping[str, float], target: Sequence[flo
 
 
 def cameras(settings: Mapping[str, Any]) -> list[Camera]:
-    """The cameras of the config's section `vision`: the paper's, or those that it lists.
-
-    Raises ConfigError, naming the camera, for missing or contradicting keys, or if its image misses the object's place.
-    """
-    size = settings["size"]
-    if settings["cameras"] is None:
-        return [paper_camera(size)]
-    return [_camera(f"config vision.cameras.{number}", keys, size) for number, keys in enumerate(settings["cameras"])]
+    """The cameras of the config's section `vision`: the paper's, or those that it lists. Raises ConfigError, naming the
+    camera, for missing or contradicting keys, or if its image misses the object's place."""
+    given, size = settings["cameras"], settings["size"]
+    listed = [_camera(f"config vision.cameras.{number}", keys, size) for number, keys in enumerate(given or ())]
+    return listed if given is not None else [paper_camera(size)]
 
 
 def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
@@ -172,10 +164,8 @@ def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
 
 
 def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
-    """The lights of the config's section `vision`: `LIGHTS`, or those that it lists.
-
-    Raises ConfigError, naming the light, for missing keys, or keys that its kind does not have.
-    """
+    """The lights of the config's section `vision`: `LIGHTS`, or those that it lists. Raises ConfigError, naming the
+    light, for missing keys, or keys that its kind does not have."""
     if settings["lights"] is None:
         return LIGHTS
     listed = []
@@ -189,9 +179,8 @@ def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
         if kind == "area" and not given.get("size"):
             raise ConfigError(f"{where}: light of kind area needs a size above 0, its side in m")
         target = given.get("target", OBJECT_POSITION)
-        attributes: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in given.items()
-        }
+        attributes: dict[str, Any] = dict(given)
+        attributes |= {key: tuple(value) for key, value in given.items() if isinstance(value, list)}
         if "position" in keys:
             attributes["position"] = _place(given["position"], target)
         if "target" in keys and np.array_equal(attributes["position"], target):

@@ -1,8 +1,4 @@
-"""The stages of the pipeline that write one output a batch, as one table: every list of stages follows from it.
-
-A new stage is a row of `stages.yaml`, a rule and a script named after it, and rows of `palpate/store/contract.csv` for
-its arrays.
-"""
+"""The stages of the pipeline that write one output a batch, as one table: every list of stages follows from it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,29 +13,19 @@ RELEASED = "released"
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage: what its rule reads and writes, at `<run>/<name>/<batch><suffix>`.
+    """One stage: what its rule reads and writes, at `<run>/<name>/<batch><suffix>`."""
 
-    Attributes:
-        name: of its folder, its rule and its script. suffix: of its store; empty: a folder of meshes.
-        reads: names of the stages that it reads, in the order in which an object goes through them.
-        rejects: whether it can reject objects, in `rejected/<name>/<batch>.csv`.
-        in_dataset: whether its output is part of the dataset; the others belong to models.
-        engines: packages whose versions its stores record.
-        simulated: whether a dataset that was read, not simulated, lacks it.
-        groups: of further arrays that its stores may hold. states: attributes that only its stores have.
-        asked_by: the key of the config that asks for it; empty if every run has it. Arrays of such a stage may be
-            optional also in a run that was simulated here.
-    """
-
-    name: str
-    suffix: str
-    reads: tuple[str, ...]
-    rejects: bool
-    in_dataset: bool
-    engines: tuple[str, ...] = ()
-    simulated: bool = False
-    groups: tuple[str, ...] = ()
-    states: tuple[str, ...] = ()
+    name: str  # of its folder, its rule and its script
+    suffix: str  # of its store; empty: a folder of meshes
+    reads: tuple[str, ...]  # names of the stages that it reads, in the order in which an object goes through them
+    rejects: bool  # whether it can reject objects, in `rejected/<name>/<batch>.csv`
+    in_dataset: bool  # whether its output is part of the dataset; the others belong to models
+    engines: tuple[str, ...] = ()  # packages whose versions its stores record
+    simulated: bool = False  # whether a dataset that was read, not simulated, lacks it
+    groups: tuple[str, ...] = ()  # of further arrays that its stores may hold
+    states: tuple[str, ...] = ()  # attributes that only its stores have
+    # The key of the config that asks for it; empty if every run has it. Arrays of such a stage may be optional also in
+    # a run that was simulated here.
     asked_by: str = ""
 
     def is_asked(self, config: Mapping[str, Any]) -> bool:
@@ -62,13 +48,11 @@ class Stage:
         return tuple(dict.fromkeys([self.name] * self.rejects + before))
 
 
-def _stage(name: str, row: Mapping[str, Any]) -> Stage:
-    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
-    return Stage(name, **values)
-
-
-_ROWS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
-STAGES = {name: _stage(name, row) for name, row in _ROWS.items()}
+_ROWS: dict[str, dict[str, Any]] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+STAGES: dict[str, Stage] = {}
+for _name, _row in _ROWS.items():
+    _row |= {key: tuple(value) for key, value in _row.items() if isinstance(value, list)}
+    STAGES[_name] = Stage(_name, **_row)
 # What makes a dataset, simulated or read, and the stores among it.
 DATASET_STAGES = (RELEASED, *(stage.name for stage in STAGES.values() if stage.in_dataset))
 DATASET_STORES = tuple(stage.name for stage in STAGES.values() if stage.in_dataset and stage.suffix)

@@ -3,9 +3,10 @@
 from palpate.lazy import lazy_exports
 
 EXPORTS = {
-    "batches": ["assign_batches", "batch_number", "in_order", "read_batches", "write_batches"],
-    "changes": ["mesh_files", "source_checksums"],
-    "record": ["check_same_run", "write_record"],
+    "record": [
+        *("assign_batches", "batch_number", "check_same_run", "in_order", "read_batches"),
+        *("write_batches", "write_record"),
+    ],
     "source": ["UP_AXIS", "CatalogueError", "Source"],
     "sources": [
         *("LETTERS", "SourceObject", "all_classes", "class_counts", "file_name"),
@@ -13,8 +14,9 @@ EXPORTS = {
     ],
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
-        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "copy_lines"),
-        *("companions", "read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),
+        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "companions", "copies", "copy_lines"),
+        *("mesh_files", "read_catalogue", "require_unchanged", "source_checksums", "sources_of", "splits_of"),
+        "write_catalogue",
     ],
     "variants": ["is_collision"],
 }

@@ -50,11 +50,6 @@ class ObjectTable(dict[str, Given]):
         """Whether an object's class may be another than its folder says."""
         return any(given.class_name for given in self.values())
 
-    @property
-    def excludes(self) -> bool:
-        """Whether files may be left out."""
-        return any(given.exclude == "yes" for given in self.values())
-
     def of(self, path: str, class_name: str) -> Given:
         """What is specified for a mesh file; class_name: its class if no row gives it another."""
         places = (path, *map(str, PurePosixPath(path).parents)) if self else ()
@@ -63,12 +58,9 @@ class ObjectTable(dict[str, Given]):
 
 
 def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
-    """The rows of a CSV file in UTF-8, with a header: `path`, and any of `COLUMNS`.
-
-    root: the source's path, which `path` is relative to, or lies below.
-    Raises ConfigError, naming file, line and remedy, for a file that is missing or has another form, a value that can't
-    be, a path that does not exist, or two rows about one thing.
-    """
+    """The rows of a CSV file in UTF-8, with a header: `path`, and any of `COLUMNS`; root: the source's path. Raises
+    ConfigError, naming file, line and remedy, for a file that is missing or has another form, a value that can't be, a
+    path that does not exist, or two rows about one thing."""
     if os.path.exists(path) and not (os.path.isfile(path) and os.path.getsize(path) <= MOST_BYTES):
         raise ConfigError(f"{path}: no file, or over {MOST_BYTES >> 20} MiB: set source.objects to a CSV file")
     try:
@@ -81,8 +73,7 @@ def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
         raise ConfigError(f"{path}: {error.strerror}: set source.objects to a CSV file that exists") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: no CSV file in UTF-8 ({error}): save it as one") from None
-    unknown = sorted(set(header) - set(COLUMNS))
-    if unknown or "path" not in header or len(set(header)) < len(header):
+    if not {"path"} <= set(header) <= set(COLUMNS) or len(set(header)) < len(header):
         raise ConfigError(
             f"{path}: its header is {', '.join(header) or 'missing'}: expected path, and any of "
             f"{', '.join(COLUMNS)}, each once, separated by commas"

@@ -5,7 +5,7 @@ import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from palpate.configuration import absolute, read_yaml
 from palpate.mesh import FORMATS
@@ -14,8 +14,7 @@ from palpate.released.layout import subfolders
 Scale = str | float  # `diagonal`, `keep`, or metres a unit of the file
 MESH_SUFFIXES = tuple(f".{suffix}" for suffix in FORMATS)
 
-# ShapeNetCore's folders of the paper's classes (WordNet synset offsets). Others are asked for by their
-# number.
+# ShapeNetCore's folders of the paper's classes (WordNet synset offsets). Others are asked for by their number.
 SYNSETS = {"bottle": "02876657", "knife": "03624134", "cellphone": "02992529", "rifle": "04090263"}
 
 
@@ -23,49 +22,27 @@ class CatalogueError(ValueError):
     """The source lacks what the config requests; the message names the place and the remedy."""
 
 
-class Layout(NamedTuple):
-    """Where the data sets of a kind have their meshes, and how they stand.
-
-    Attributes:
-        patterns: of mesh files below the source's path, the best first; `{class}` is the folder of a class. An object
-            is what its wildcards stand for, and has the first file that exists. `**` alone is any mesh, at any depth.
-        up: the up axis, or `format`: that of the file's format (`FORMAT_UP`).
-    """
-
-    patterns: tuple[str, ...]
-    up: str
-
-
-_ROWS = read_yaml(Path(__file__).with_name("layouts.yaml"))
-LAYOUTS = {kind: Layout(tuple(row["patterns"]), row["up"]) for kind, row in _ROWS.items()}
+# Where the data sets of a kind have their meshes, and how they stand.
+LAYOUTS: dict[str, dict[str, Any]] = read_yaml(Path(__file__).with_name("layouts.yaml"))
 # glTF's is y (its specification, section 3.4). COLLADA files say theirs, or have y. Other formats have none, or allow
 # any; CAD and scans have z as a rule.
 FORMAT_UP = {".glb": "y", ".gltf": "y"}
 # The up axis of a source whose config does not say it.
-UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
+UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout["up"] for kind, layout in LAYOUTS.items()}}
 
 
 @dataclass(frozen=True)
 class Source:
-    """The section `source` of a config.
+    """The section `source` of a config. Raises CatalogueError for an unknown kind."""
 
-    Attributes:
-        kind: a key of `UP_AXIS`. path: its folder. pattern: of mesh files, in place of those of its layout.
-        up: the up axis, or `format`; by default that of its kind. scale: `diagonal`, `keep`, or metres a unit of files.
-        objects: a CSV file of what the user says of objects. turned: whether each object is turned about the vertical
-        by an angle of its own. seed: of these angles.
-
-    Raises CatalogueError for an unknown kind.
-    """
-
-    kind: str
-    path: Path | str
-    pattern: str | None = None
-    up: str = ""
+    kind: str  # a key of `UP_AXIS`
+    path: Path | str  # its folder
+    pattern: str | None = None  # of mesh files, in place of those of its layout
+    up: str = ""  # the up axis, or `format`; by default that of its kind
     scale: Scale = "diagonal"
-    objects: Path | str | None = None
-    turned: bool = False
-    seed: int = 0
+    objects: Path | str | None = None  # a CSV file of what the user says of objects
+    turned: bool = False  # whether each object is turned about the vertical by an angle of its own
+    seed: int = 0  # of these angles
 
     def __post_init__(self) -> None:
         if self.kind not in UP_AXIS:
@@ -74,10 +51,8 @@ class Source:
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any], project: Path | str) -> "Source":
-        """The source of a checked config, with absolute paths: relative ones are the project's.
-
-        Procedural objects are made in the run's folder. Raises ConfigError as `absolute` does.
-        """
+        """The source of a checked config, with absolute paths: relative ones are the project's. Procedural objects are
+        made in the run's folder. Raises ConfigError as `absolute` does."""
         section = dict(config["source"])
         made_in = Path(absolute(config["results"], project), config["run"], "sources")
         section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
@@ -85,9 +60,9 @@ class Source:
         return cls(**section, seed=config.get("seed", 0))
 
     @property
-    def patterns(self) -> tuple[str, ...]:
+    def patterns(self) -> list[str]:
         """The patterns of its mesh files, the best first; of kinds with a layout."""
-        return (self.pattern,) if self.pattern else LAYOUTS[self.kind].patterns
+        return [self.pattern] if self.pattern else LAYOUTS[self.kind]["patterns"]
 
     @property
     def has_class_folders(self) -> bool:

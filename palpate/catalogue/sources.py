@@ -1,7 +1,4 @@
-"""The objects of a source: its mesh files by class, and the names of objects.
-
-Looking costs a listing of folders: no mesh is opened.
-"""
+"""The objects of a source: its mesh files by class, and the names of objects. Folders are listed, no mesh is opened."""
 
 import glob
 import hashlib
@@ -21,9 +18,8 @@ from palpate.catalogue.object_table import ObjectTable, read_object_table
 from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source, subfolders
 from palpate.catalogue.variants import is_general, of_one_object
 from palpate.configuration import ConfigError
-from palpate.mesh.recognise import UNREAD
-from palpate.named_files import HEAD, unusable
-from palpate.released.layout import SURFACES, ReleasedObject, read_released
+from palpate.named_files import HEAD, UNREAD, unusable
+from palpate.released.layout import SURFACES, read_released
 
 log = logging.getLogger(__name__)
 
@@ -43,32 +39,24 @@ Count = int | str
 
 
 class SourceObject(NamedTuple):
-    """An object, and how its mesh is taken.
+    """An object, and how its mesh is taken."""
 
-    Attributes:
-        object, class_name: names. source: its mesh file relative to the source's path, with forward slashes.
-        up: the file's up axis. scale: `diagonal`, `keep`, or metres a unit of the file.
-        split: what the source or the user gives it; empty where its name decides.
-        others: further files of the same object, which are not used.
-        turn: degrees about the vertical, counter-clockwise from above.
-    """
-
-    object: str
+    object: str  # its name
     class_name: str
-    source: str
-    up: str = "z"
+    source: str  # its mesh file relative to the source's path, with forward slashes
+    up: str = "z"  # the file's up axis
     scale: Scale = "diagonal"
-    split: str = ""
-    others: tuple[str, ...] = ()
-    turn: float = 0.0
+    split: str = ""  # what the source or the user gives it; empty where its name decides
+    others: tuple[str, ...] = ()  # further files of the same object, which are not used
+    turn: float = 0.0  # degrees about the vertical, counter-clockwise from above
 
 
 def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
-    """The objects of a run, class by class in the order asked for, within a class by name.
-
-    `classes` maps each class to a number of objects, or to "all". Of more objects than asked for, those are taken whose
-    names have the smallest hashes: an even choice, the same on every machine. Procedural objects are listed whether
+    """The objects of a run, class by class in the order asked for, within a class by name; procedural objects whether
     their files have been written or not.
+
+    classes: the number of objects of each class, or "all". Of more objects than asked for, those are taken whose names
+    have the smallest hashes: an even choice, the same on every machine.
 
     Raises `CatalogueError` for an unknown class, a missing folder, no mesh, fewer than asked for, or a link that leads
     nowhere; `ConfigError` for the file of `objects`.
@@ -78,7 +66,7 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
     _check_classes(classes)
     if source.kind == "procedural":
         return _turned(source, (entry for name, count in classes.items() for entry in _procedural(source, name, count)))
-    root, table = _root(source), _object_table(source)
+    root, table = _opened(source)
     if source.kind in LAYOUTS and not table.gives_classes and not source.has_class_folders and len(classes) > 1:
         raise CatalogueError(
             f"source {source.kind} has one class, the config has {', '.join(classes)}: keep one of them, or say which "
@@ -88,7 +76,11 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
     entries = []
     for name, count in classes.items():
         if source.kind == "released":
-            candidates, place = _released(source, name), root / SURFACES / name
+            released, place = _released(source), root / SURFACES / name
+            candidates = [entry for entry in released if entry.class_name == name]
+            if not candidates:
+                present = dict.fromkeys(entry.class_name for entry in released)
+                raise CatalogueError(f"{root}: no object of class {name}; it has {listed(present)}")
         elif table.gives_classes:
             candidates, place = everything.get(name, []), Path(source.objects or "")
             if not candidates:
@@ -122,20 +114,19 @@ def style_of(name: str, class_name: str, seed: int) -> str:
 def all_classes(source: Source) -> dict[str, Count]:
     """Every class that a source holds, with all of its objects: what `classes: all` stands for.
 
-    A class is a folder of the source's path that isn't hidden and holds a mesh, at any depth (one that holds
-    none is omitted with a warning); ShapeNet's are named where a name is known. A source without folders of classes
-    has one, `ONE_CLASS`, but for what `objects` says.
+    A class is a folder of the source's path that isn't hidden and holds a mesh, at any depth (one that holds none is
+    omitted with a warning). A source without folders of classes has one, `ONE_CLASS`, but for what `objects` says.
     Raises `CatalogueError` if the folder is missing or holds none, and for procedural objects, which have no end.
     """
     if source.kind == "released":
-        return dict.fromkeys([released.class_name for released in _released_objects(source)], "all")
+        return dict.fromkeys([released.class_name for released in _released(source)], "all")
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
-    root, table = _root(source), _object_table(source)
-    if source.has_class_folders and not source.pattern and not (table.gives_classes or table.excludes):
+    root, table = _opened(source)
+    changes = table.gives_classes or any(given.exclude == "yes" for given in table.values())
+    if source.has_class_folders and not source.pattern and not changes:
         folders = source.class_folders(root)
-        patterns = {folder: [_filled(pattern, folder) for pattern in source.patterns] for folder in folders}
-        full = [folder for folder in folders if any(next(_matches(root, filled), None) for filled in patterns[folder])]
+        full = [folder for folder in folders if any(next(_matches(root, each, folder), "") for each in source.patterns)]
         if empty := [folder for folder in folders if folder not in full]:
             log.warning("%s: no mesh in %s: no classes", root, listed(empty))
         if not full:
@@ -163,29 +154,25 @@ def unread_lines(source: Source) -> list[str]:
 
 
 def class_counts(config: Mapping[str, Any], source: Source) -> dict[str, Count]:
-    """The number of objects, or "all", of each class that a checked config asks for, in its order.
-
-    `classes: all` means the folders of the source. Raises `ConfigError` for a class that is listed twice, and
-    `CatalogueError` as `all_classes` does.
-    """
+    """The number of objects, or "all", of each class that a checked config asks for, in its order. Raises `ConfigError`
+    for a class that is listed twice, and `CatalogueError` as `all_classes` does."""
     if config["classes"] == "all":
         return all_classes(source)
-    classes = {normalize("NFC", row["class"]): row["objects"] for row in config["classes"]}
-    times = Counter(normalize("NFC", row["class"]) for row in config["classes"])
-    if twice := [name for name, count in times.items() if count > 1]:
+    rows = [(normalize("NFC", row["class"]), row["objects"]) for row in config["classes"]]
+    if twice := [name for name, count in Counter(name for name, _ in rows).items() if count > 1]:
         raise ConfigError(
             f"config classes: {', '.join(twice)} listed more than once: keep one entry of each class, "
             "with the number of objects that it shall have"
         )
-    return classes
+    return dict(rows)
 
 
-def _root(source: Source) -> Path:
-    """The folder of a source. Raises CatalogueError if it is missing."""
+def _opened(source: Source) -> tuple[Path, ObjectTable]:
+    """The folder of a source, and what users say of its objects. Raises CatalogueError if the folder is missing."""
     root = Path(source.path)
     if not root.is_dir():
         raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {source.kind} source")
-    return root
+    return root, read_object_table(source.objects, source.path) if source.objects else ObjectTable()
 
 
 def _check_classes(classes: Mapping[str, Count]) -> None:
@@ -203,11 +190,6 @@ def _check_classes(classes: Mapping[str, Count]) -> None:
             raise CatalogueError(f"classes {twin!r} and {name!r} would have files of one name: rename one of them")
 
 
-def _object_table(source: Source) -> ObjectTable:
-    """What users say of the objects of a source."""
-    return read_object_table(source.objects, source.path) if source.objects else ObjectTable()
-
-
 def _no_mesh(source: Source) -> str:
     """The message about a source in which no mesh is found."""
     message = f"{source.path}: no mesh found for {' or '.join(source.patterns)}"
@@ -218,8 +200,7 @@ def _no_mesh(source: Source) -> str:
 
 
 def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> list[SourceObject]:
-    """The objects of a class, or of all classes, named by their paths, without what users say of them, but for files
-    that they exclude."""
+    """The objects of a class, or of all, named by their paths, but for files that users exclude."""
     entries = _one_of_each(
         entry
         for pattern in source.patterns
@@ -238,25 +219,18 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
         of_class = _classes_by_folder(source, steps[: steps.index("{class}")], class_name)
     else:
         of_class = {"": class_name or ONE_CLASS}
+    wild = [place for place, step in enumerate(steps) if glob.has_magic(step)] or [0, len(steps) - 1]
+    after = len(steps) - 1 - wild[-1]  # fixed steps at the end
     for folder, name in sorted(of_class.items()):
-        wild = [place for place, step in enumerate(steps) if glob.has_magic(step)] or [0, len(steps) - 1]
-        after = len(steps) - 1 - wild[-1]  # fixed steps at the end
-        for file in sorted(_matches(root, _filled(pattern, folder))):
+        for file in sorted(_matches(root, pattern, folder)):
             parts = file.split("/")
             kept = "/".join(parts[wild[0] : len(parts) - after])
             yield SourceObject(kept if after else MESH_SUFFIX.sub("", kept), name, file)
 
 
-def _filled(pattern: str, folder: str) -> str:
-    """A pattern for the files of one class, which are in this folder."""
-    return pattern.replace("{class}", glob.escape(folder))
-
-
 def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | None) -> dict[str, str]:
-    """The class of each folder that is one's, or of those of one class, whose name macOS may have written otherwise.
-
-    above: the steps of the pattern to these folders. Raises CatalogueError if a class has none.
-    """
+    """The class of each folder that is one's, or of those of one class, whose name macOS may have written otherwise;
+    above: the steps of the pattern to these folders. Raises CatalogueError if a class has none."""
     root = Path(source.path)
     if class_name is None:
         places = sorted(glob.glob("/".join([*above, ""]), root_dir=root)) if above else [""]
@@ -272,18 +246,15 @@ def _classes_by_folder(source: Source, above: Sequence[str], class_name: str | N
     return dict.fromkeys(same, class_name)
 
 
-def _matches(root: Path, pattern: str) -> Iterator[str]:
-    """Mesh files below a folder that a pattern matches, relative to it; hidden files and folders never."""
+def _matches(root: Path, pattern: str, folder: str) -> Iterator[str]:
+    """Mesh files below the root that a pattern matches, of the class in this folder; hidden files and folders never."""
+    pattern = pattern.replace("{class}", glob.escape(folder))
     above, deep, rest = pattern.partition("**")
     if deep:
-        folders = glob.iglob(above, root_dir=root) if above else [""]
-        rest = rest.lstrip("/") or "*"
-        files = (
-            folder + file
-            for folder in folders
-            for file in _each_mesh(root / folder)
-            if rest == "*" or PurePosixPath(file).match(rest)  # by its last parts
-        )
+        folders, rest = glob.iglob(above, root_dir=root) if above else [""], rest.lstrip("/")
+        files = (folder + file for folder in folders for file in _each_mesh(root / folder))
+        if rest:
+            files = (file for file in files if PurePosixPath(file).match(rest))  # by its last parts
     else:
         matches = (file for file in glob.iglob(pattern, root_dir=root) if MESH_SUFFIX.search(file))
         files = (file for file in matches if not (root / file).is_dir())
@@ -291,8 +262,7 @@ def _matches(root: Path, pattern: str) -> Iterator[str]:
 
 
 def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[str]:
-    """Mesh files, or those of other suffixes, at any depth. Links are followed, as by `glob`, but for those to a folder
-    that they lie in."""
+    """Mesh files, or those of other suffixes, at any depth. Links are followed, but to a folder around them."""
     for place, folders, files in os.walk(folder, followlinks=True):
         folders[:] = [name for name in folders if not name.startswith(".") and not _returns(folder, Path(place, name))]
         within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files
@@ -303,29 +273,23 @@ def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[
 
 def _returns(top: Path, folder: Path) -> bool:
     """Whether a folder below `top` is a link to a folder that contains it: following it would never end."""
-    if not folder.is_symlink():
-        return False
-    target = os.path.realpath(folder)
-    above = [os.path.realpath(parent) for parent in folder.parents if parent == top or top in parent.parents]
-    return any(os.path.commonpath((parent, target)) == target for parent in above)
+    above = (Path(os.path.realpath(each)) for each in folder.parents if each == top or top in each.parents)
+    return folder.is_symlink() and any(parent.is_relative_to(os.path.realpath(folder)) for parent in above)
 
 
 def _warn_of_folders_without(source: Source, class_name: str | None, entries: Iterable[SourceObject]) -> None:
     """Name the objects' folders of a published layout in which no mesh is."""
-    place = Path(source.path)
-    if "*" in source.patterns[0].split("/")[-1] or (source.has_class_folders and class_name is None):
+    in_classes, place = source.has_class_folders, Path(source.path)
+    if "*" in source.patterns[0].split("/")[-1] or (in_classes and class_name is None):
         return
-    if source.has_class_folders and class_name is not None:
-        place /= source.folder_of(class_name)
+    place /= source.folder_of(class_name) if in_classes and class_name else ""
     if place.is_dir() and (without := sorted(set(subfolders(place)) - {entry.object for entry in entries})):
         log.warning("%s: no mesh in %d models: %s", place, len(without), listed(without))
 
 
 def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
     """One entry for all files that show one object (`palpate.catalogue.variants`): of the best, by `PREFERENCE`, one.
-
-    Of a layout's patterns that end with a file's name, the first that matches counts.
-    """
+    Of a layout's patterns that end with a file's name, the first that matches counts."""
     groups: dict[tuple[str, ...], list[SourceObject]] = {}
     for entry in entries:
         is_named_by_file = MESH_SUFFIX.sub("", entry.source).endswith(entry.object)
@@ -364,25 +328,20 @@ def _described(entry: SourceObject, table: ObjectTable, source: Source) -> Sourc
     """An object with its own name, up axis, scale and split."""
     if source.kind == "released":
         return entry._replace(up=source.up, scale=source.scale)
-    given, up = table.of(entry.source, entry.class_name), source.up
-    if up == "format" and not given.up:
-        suffix = os.path.splitext(entry.source)[1].lower()
-        up = _collada_up(Path(source.path, entry.source)) if suffix == ".dae" else FORMAT_UP.get(suffix, "z")
+    given, path = table.of(entry.source, entry.class_name), Path(source.path, entry.source)
+    up, suffix = given.up or source.up, path.suffix.lower()
+    if up == "format":
+        up = FORMAT_UP.get(suffix, "y" if suffix == ".dae" else "z")
+        if suffix == ".dae" and not unusable(path):
+            with open(path, "rb") as file:
+                axis = re.search(rb"<up_axis>\s*([XYZ])_UP", file.read(HEAD))  # at its top
+            up = axis[1].decode().lower() if axis else up
     return entry._replace(
         object=_object(entry.class_name, entry.object),
-        up=given.up or up,
+        up=up,
         scale=float(given.scale) if given.scale[:1].isdigit() else given.scale or source.scale,
         split=given.split,
     )
-
-
-def _collada_up(path: Path) -> str:
-    """The up axis that a COLLADA file says, which has it at its top; y if it says none."""
-    if unusable(path):
-        return "y"
-    with open(path, "rb") as file:
-        axis = re.search(rb"<up_axis>\s*([XYZ])_UP", file.read(HEAD))
-    return axis[1].decode().lower() if axis else "y"
 
 
 def _turned(source: Source, entries: Iterable[SourceObject]) -> list[SourceObject]:
@@ -393,37 +352,24 @@ def _turned(source: Source, entries: Iterable[SourceObject]) -> list[SourceObjec
     return [entry._replace(turn=round(angle, 2)) for entry, angle in angles]
 
 
-def _procedural(source: Source, name: str, count: Count) -> list[SourceObject]:
+def _procedural(source: Source, name: str, count: Count) -> Iterable[SourceObject]:
     """The first objects of a procedural class."""
     if name not in shapes.CLASSES:
         raise CatalogueError(f"class {name}: the procedural classes are {', '.join(shapes.CLASSES)}")
     if not isinstance(count, int):
         raise CatalogueError(f"class {name}: procedural objects have no end: ask for a number, not for `all`")
-    names = [f"{name}-{index:04d}" for index in range(count)]
-    return [
-        SourceObject(object_name, name, f"{name}/{object_name}{shapes.suffix(index)}", source.up, source.scale)
-        for index, object_name in enumerate(names)
-    ]
+    for index in range(count):
+        own = f"{name}-{index:04d}"
+        yield SourceObject(own, name, f"{name}/{own}{shapes.suffix(index)}", source.up, source.scale)
 
 
-def _released(source: Source, name: str) -> list[SourceObject]:
-    """The objects of a class of a released dataset."""
-    everything = _released_objects(source)
-    objects = [released for released in everything if released.class_name == name]
-    if not objects:
-        present = dict.fromkeys(released.class_name for released in everything)
-        raise CatalogueError(f"{source.path}: no object of class {name}; it has {listed(present)}")
-    return [
-        SourceObject(_object(name, released.name), name, released.source, split=released.split) for released in objects
-    ]
-
-
-def _released_objects(source: Source) -> list[ReleasedObject]:
+def _released(source: Source) -> list[SourceObject]:
     """All objects of a released dataset. Raises CatalogueError if it can't be read."""
     try:
-        return read_released(source.path)
+        objects = read_released(source.path)
     except UnusableObject as error:
         raise CatalogueError(str(error)) from None
+    return [SourceObject(_object(it.class_name, it.name), it.class_name, it.source, split=it.split) for it in objects]
 
 
 @cache
@@ -456,24 +402,18 @@ def _hash(text: str) -> str:
 
 def _distinct(entries: list[SourceObject]) -> list[SourceObject]:
     """The entries, with a hash of the file at the end of each name that one before it has already."""
-    taken: set[str] = set()
-    renamed = []
+    taken: dict[str, SourceObject] = {}
     for entry in entries:
-        name = entry.object
-        if name in taken:
-            name += f"-{_hash(entry.source)}"
+        if entry.object in taken:
+            name = f"{entry.object}-{_hash(entry.source)}"
             log.warning("%s: the name %s is another object's: called %s", entry.source, entry.object, name)
             entry = entry._replace(object=name)
-        taken.add(name)
-        renamed.append(entry)
-    return renamed
+        taken[entry.object] = entry
+    return list(taken.values())
 
 
 def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) -> list[SourceObject]:
-    """`count` of the entries, sorted by name, after checking that there are enough.
-
-    Names differ: of two alike that with fewer folders above its file keeps it, so that one which is there mostly does.
-    """
+    """`count` of the entries, by name, if there are enough. Of two alike the one with fewer folders keeps its name."""
     if not entries:
         raise CatalogueError(f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}")
     entries = _distinct(sorted(entries, key=lambda entry: (entry.source.count("/"), entry.source)))

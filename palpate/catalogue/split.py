@@ -13,30 +13,21 @@ SALT = "palpate-16865"
 
 
 def assign_split(object_name: str, ratios: Mapping[str, float] = PAPER_SPLIT) -> str:
-    """The split of an object: a hash of its name gives a number in [0, 1), the ratios cut that range in
-    order.
-
-    It depends on nothing else, so an object never changes its split when others are added or removed. As a
-    name begins with its class, every class is split in these proportions (up to chance: this is no quota).
-    """
+    """The split of an object: a hash of its name gives a number in [0, 1), the ratios cut that range in order."""
     return _cut(_fraction(object_name), ratios)
 
 
 def held_out_styles(class_name: str, styles: Iterable[str], ratios: Mapping[str, float] = PAPER_SPLIT) -> set[str]:
-    """The styles of a class that no training object has: those whose names have the smallest hashes.
-
-    Their number is in proportion to validation and test: at least one, unless both have no share, and not all.
-    """
+    """The styles of a class that no training object has: those whose names have the smallest hashes, in proportion to
+    validation and test; at least one, unless both have no share, and not all."""
     ordered = sorted(styles, key=lambda style: _fraction(f"{class_name}-{style}"))
     rest = 1 - ratios["train"] / sum(ratios[split] for split in SPLITS)
     return set(ordered[: min(max(round(rest * len(ordered)), rest > 0), len(ordered) - 1)])
 
 
 def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
-    """Ratios near the paper's, as whole numbers, that put at least one of the objects in each split.
-
-    Of fewer objects than splits, one is in each of the first splits. None for names whose hashes are too close.
-    """
+    """Ratios near the paper's, as whole numbers, that put at least one of the objects in each split; of fewer objects
+    than splits, in each of the first ones. None for names whose hashes are too close."""
     fractions = sorted(_fraction(name) for name in object_names)
     cuts: list[int] = []
     count, reached = len(fractions), 0.0

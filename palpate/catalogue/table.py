@@ -1,8 +1,10 @@
 """The catalogue: one row an object, with its split, its batch and the checksum of what it is made from."""
 
+import contextlib
 import csv
 import hashlib
 import json
+import os
 import sys
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -10,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate import named_files, shapes
-from palpate.atomic import atomic_write
+from palpate.atomic import atomic_write, write_if_changed
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject, listed, style_of
 from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
@@ -26,24 +28,19 @@ ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look l
 
 
 class CatalogueEntry(NamedTuple):
-    """One object's row of `catalogue.csv`; the fields are `COLUMNS`, in their order. A table may lack the later ones.
-
-    source: its mesh file, relative to the source's path. checksum: see `checksum`. up, scale: how the file is taken, as
-    text. others: further files of the object that are not used, separated by `OTHERS`. turn: degrees about the
-    vertical, as text, empty for none. style: of procedural ones.
-    """
+    """One row of `catalogue.csv`; the fields are `COLUMNS`, in their order. A table may lack the later ones."""
 
     object: str
     class_name: str
     split: str
     batch: str
-    source: str = ""
-    checksum: str = ""
+    source: str = ""  # its mesh file, relative to the source's path
+    checksum: str = ""  # see `checksum`
     up: str = ""
     scale: str = ""
-    others: str = ""
-    turn: str = ""
-    style: str = ""
+    others: str = ""  # further files of the object that are not used, separated by `OTHERS`
+    turn: str = ""  # degrees about the vertical, empty for none
+    style: str = ""  # of procedural ones
 
     @property
     def normalised(self) -> bool:
@@ -69,11 +66,8 @@ def _why_missing(path: Path) -> str:
 
 
 def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
-    """The rows of a `catalogue.csv`, or of one batch's, in their order.
-
-    Raises CatalogueError, naming the file and the remedy, if it is missing, no text, not as it was written, has no
-    rows, or lacks a value of object, class or batch.
-    """
+    """The rows of a `catalogue.csv`, or of one batch's, in their order. Raises CatalogueError, naming the file and the
+    remedy, if it is missing, damaged, has no rows, or lacks a value of object, class or batch."""
     if not Path(path).is_file():
         raise CatalogueError(_why_missing(Path(path)))
     again = rebuild_advice(path)
@@ -84,9 +78,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     entries = [
         # Class, split and batch are one text for all rows that share them: a run may have 100,000 objects.
         CatalogueEntry(
-            row["object"],
-            *(sys.intern(row[column]) for column in COLUMNS[1:4]),
-            *(row.get(column, "") for column in COLUMNS[4:]),
+            row["object"], *(sys.intern(row[key]) for key in COLUMNS[1:4]), *(row.get(key, "") for key in COLUMNS[4:])
         )
         for row in rows
     ]
@@ -104,16 +96,13 @@ def splits_of(
     seed: int = 0,
     groups: Iterable[Sequence[str]] = (),
 ) -> dict[str, str]:
-    """The split of each object by name: the one that the source or the user gives, or that of its name.
+    """The split of each object by name: the one that the source or the user gives, or that of its name, by the ratios
+    (`fill`), or with `held_out: styles` by its style (CatalogueError for objects without one).
 
-    Where names decide and leave a split without objects, though each should have some, other ratios are taken:
-    those of `suggest_split`. ratios: the config's `split`; with its `held_out: styles`, the objects of
-    `held_out_styles` are those of validation and test. seed: of procedural objects. groups: names of objects that are
-    copies (`copies`): they are in the split that one of them is given, or else in that of the first; several that are
-    given stay. Raises CatalogueError for objects without a style.
+    ratios: the config's `split`. seed: of procedural objects. groups: names of objects that are copies (`copies`): they
+    are in the split that one of them is given, or else in that of the first; several that are given stay.
     """
-    given = {entry.object: entry.split for entry in entries}
-    of_class = {entry.object: entry.class_name for entry in entries}
+    given, of_class = ({entry.object: getattr(entry, key) for entry in entries} for key in ("split", "class_name"))
     shares = {split: ratios[split] for split in SPLITS}
     first = {name: name for name in given} | {name: group[0] for group in groups for name in group}
     splits = {first[name]: split for name, split in reversed(given.items()) if split}
@@ -121,12 +110,10 @@ def splits_of(
     if ratios.get("held_out") == "styles":
         styles = {name: style_of(name, of_class[name], seed) for name in names}
         classes = {of_class[name] for name in names}
-        unseen = {name: held_out_styles(name, shapes.styles(name), shares) for name in classes}
-        seen, rest = {"train": 1}, {**shares, "train": 0}
-        splits |= {
-            name: assign_split(name, rest if style in unseen[of_class[name]] else seen)
-            for name, style in styles.items()
-        }
+        unseen = {(name, style) for name in classes for style in held_out_styles(name, shapes.styles(name), shares)}
+        for name, style in styles.items():
+            held_out = (of_class[name], style) in unseen
+            splits[name] = assign_split(name, shares | {"train": 0} if held_out else {"train": 1})
     else:
         filled = fill(shares, names, set(splits.values()))
         splits |= {name: assign_split(name, filled) for name in names}
@@ -134,11 +121,8 @@ def splits_of(
 
 
 def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[str] = ()) -> Mapping[str, float]:
-    """The ratios, or others, where names would leave a split empty: if they alone decide, those of `suggest_split`,
-    and of fewer objects than splits the first to train, the next to validation; else train alone, if none is there.
-
-    given: splits that further objects are given.
-    """
+    """The ratios, or others, where names would leave a split empty: if they alone decide, those of `suggest_split`;
+    else train alone, if none is there. given: splits that further objects are given."""
     filled = {assign_split(name, ratios) for name in names}
     if not names or min(ratios.values()) <= 0 or len(filled) > 2 or (given and "train" in filled | set(given)):
         return ratios
@@ -148,8 +132,7 @@ def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[st
 def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
     """Groups of objects, by name, that are copies: of one checksum, or of boxes and areas that agree to `ALIKE`.
 
-    checksums: of all objects, in order; an empty one tells nothing. shapes: of some, the sides of the box, whose order
-    does not count, and the root of the area, in diagonals of the box.
+    checksums: of all objects, in order; an empty one tells nothing. shapes: of some, as `palpate.mesh.facts` has them.
     """
     import numpy as np
     from scipy.sparse import coo_array
@@ -175,10 +158,7 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
 def copy_lines(
     groups: Iterable[Sequence[str]], checksums: Mapping[str, str], splits: Mapping[str, str]
 ) -> Iterator[str]:
-    """Lines on objects that are there several times, in one split or in several: the first groups by name.
-
-    groups: of `copies`. checksums, splits: of each object.
-    """
+    """Lines on objects that are there several times, in one split or in several: the first of `copies` by name."""
     together: dict[str, list[str]] = {"in one split": [], "IN DIFFERENT SPLITS": []}
     for group in groups:
         place = "in one split" if len({splits[name] for name in group}) == 1 else "IN DIFFERENT SPLITS"
@@ -192,11 +172,8 @@ def copy_lines(
 
 
 def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
-    """Raise CatalogueError if a split that is needed has none of the objects.
-
-    splits: of each object. what: needs them, as the message names it. by_name: names decide the splits, so that the
-    message can say how to set the config's. Rejections come later and are not known here.
-    """
+    """Raise CatalogueError if a split that is needed (by what, as the message names it) has none of the objects.
+    splits: of each object. by_name: names decide the splits, so that the message can say how to set the config's."""
     counts = Counter(splits.values())
     empty = [split for split in needed if not counts[split]]
     if not empty:
@@ -214,25 +191,13 @@ def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by
 def build(
     root: Path | str, entries: Iterable[SourceObject], batches: Mapping[str, str], seed: int | None = None
 ) -> list[CatalogueEntry]:
-    """The rows of some objects, in their order.
-
-    root: the source's path, from which `source` is, so that the table is the same on every machine. batches: of each
-    object by name. seed: of procedural objects, which have styles. Raises `CatalogueError` if a mesh file does not
-    exist (procedural objects must have been written).
-    """
+    """The rows of some objects, in their order. root: the source's path. batches: of each object by name. seed: of
+    procedural objects, which have styles. Raises `CatalogueError` if a mesh file does not exist."""
     return [
         CatalogueEntry(
-            entry.object,
-            entry.class_name,
-            entry.split,
-            batches[entry.object],
-            entry.source,
-            checksum(Path(root, entry.source), root),
-            entry.up,
-            str(entry.scale),
-            OTHERS.join(entry.others),
-            str(entry.turn or ""),
-            "" if seed is None else style_of(entry.object, entry.class_name, seed),
+            *(entry.object, entry.class_name, entry.split, batches[entry.object], entry.source),
+            *(checksum(Path(root, entry.source), root), entry.up, str(entry.scale), OTHERS.join(entry.others)),
+            *(str(entry.turn or ""), "" if seed is None else style_of(entry.object, entry.class_name, seed)),
         )
         for entry in entries
     ]
@@ -252,22 +217,15 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
 
 
 def checksum(path: Path, files: Path | str | None = None) -> str:
-    """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others that it needs (materials,
-    textures, buffers) and they exist, that of the lines `<sha256>` of them all, the mesh first, the others by name.
-
-    No name counts, so that copies have one checksum. files: the folder that these have to be in, as for
-    `palpate.named_files.find`. Empty for what can't be a mesh file.
-    """
+    """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others (`companions`), that of the lines
+    `<sha256>` of them all, the mesh first, the others by name. No name counts, so that copies have one checksum. files:
+    the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh file."""
     if named_files.unusable(path):
         return ""
     if not path.is_file():
         raise CatalogueError(f"{path}: no such file, though the source lists it: was it moved, or not yet written?")
-    names = companions(path, files)
-    own = size_and_sha256(path)[1]
-    if not names:
-        return own
-    lines = [own, *(size_and_sha256(path.parent / name)[1] for name in names), ""]
-    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    own, *others = (size_and_sha256(path.parent / name)[1] for name in (path.name, *companions(path, files)))
+    return hashlib.sha256("\n".join([own, *others, ""]).encode()).hexdigest() if others else own
 
 
 def require_unchanged(path: Path, before: str, files: Path | str | None = None) -> None:
@@ -281,13 +239,44 @@ def require_unchanged(path: Path, before: str, files: Path | str | None = None) 
 
 
 def sources_of(entries: Iterable[CatalogueEntry]) -> dict[str, str]:
-    """What a batch's meshes state of their source files: one digest of name, checksum, up axis, scale and turn of all.
-
-    It is empty if the catalogue does not state checksums.
-    """
+    """What a batch's meshes state of their source files: one digest of name, checksum, up axis, scale and turn of all;
+    empty if the catalogue does not state checksums."""
     entries = list(entries)
     if not any(entry.checksum for entry in entries):
         return {}
     rows = [[each.object, each.checksum, each.up, each.scale, *filter(None, [each.turn])] for each in entries]
     digest = hashlib.sha256(json.dumps(rows).encode()).hexdigest()
     return {f"sources of {entries[0].batch}": digest}
+
+
+def mesh_files(path: Path, root: Path | str) -> list[Path]:
+    """A mesh file with the materials, textures and buffers that it names; empty for what can't be a mesh's file. Of a
+    long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it."""
+    if named_files.unusable(path):
+        return []
+    return [path, *(Path(os.path.normpath(path.parent / name)) for name in companions(path, root, named_files.HEAD))]
+
+
+def source_checksums(known: Path, files: Mapping[str, Sequence[Path]], root: Path | str) -> dict[str, str]:
+    """The `checksum` of each object by name; empty for a file that is missing, or can't be a mesh's. They decide
+    whether a batch's table is made again.
+
+    known: <run>/catalogue/.<batch>.json, which keeps sizes and times of each object's files, and their checksum: only
+    files with others are read again. files: of each object, as `mesh_files` has them. root: of the sources.
+    """
+    try:
+        before = json.loads(known.read_text())
+    except (OSError, ValueError):
+        before = {}
+    now = {}
+    for name, paths in files.items():
+        stats = [path.stat() for path in paths if path.exists()]
+        stamps = [[stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns] for stat in stats]  # no copy keeps the last
+        now[name] = before.get(name, [])
+        if now[name][:1] != [stamps]:
+            now[name] = [stamps, ""]
+            with contextlib.suppress(CatalogueError, OSError, IndexError):
+                now[name][1] = checksum(paths[0], root)
+    with contextlib.suppress(OSError):  # a dry run on a folder of somebody else's
+        write_if_changed(known, json.dumps(now) + "\n")
+    return {name: digest for name, (_, digest) in now.items()}

@@ -9,7 +9,6 @@ import os
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 # Words in names of files that say which view of an object a file has, by how much it is the object as it looks.
 VISUAL, WHOLE, SIMPLIFIED, COLLISION = range(4)
@@ -26,19 +25,9 @@ _LAST = re.compile(rf"(?:^|[-_. ]+|(?<=[a-z])(?=[A-Z]))(?i:{_WORD})(?P<number>[-
 _FIRST = re.compile(r"^(?i:(?P<w0>textured|visual)|(?P<w3>collision|v.?hacd|coacd))[-_. ]+(?=.)")
 
 
-class Variant(NamedTuple):
-    """What a path says. object: its folders and stem without `WORDS`; the stem is empty if there is nothing else.
-
-    rank: of `WORDS`. sure: it has none of them, or one that is not `AMBIGUOUS`.
-    """
-
-    object: tuple[str, ...]
-    rank: int
-    sure: bool
-
-
-def variant(path: str) -> Variant:
-    """What a path without its suffix says of the file."""
+def variant(path: str) -> tuple[tuple[str, ...], int, bool]:
+    """What a path without its suffix says of the file: its object, the folders and stem without `WORDS` (the stem is
+    empty if there is nothing else); its rank; whether it has none of them, or one that is not `AMBIGUOUS`."""
     *folders, stem = path.split("/")
     stem, ranks, sure = _strip(stem)
     kept = []
@@ -50,7 +39,7 @@ def variant(path: str) -> Variant:
             ranks, sure = ranks + of_folder, True
     worst = max(ranks, default=WHOLE)
     stem = "" if kept and stem == kept[-1] else stem
-    return Variant((*kept, stem), worst if worst > WHOLE else min(ranks, default=WHOLE), sure or not ranks)
+    return (*kept, stem), worst if worst > WHOLE else min(ranks, default=WHOLE), sure or not ranks
 
 
 def _strip(stem: str) -> tuple[str, list[int], bool]:
@@ -73,21 +62,21 @@ def is_general(name: str) -> bool:
 
 def is_collision(path: str) -> bool:
     """Whether a mesh file is one to collide with, by its name or a folder's."""
-    return variant(os.path.splitext(path)[0]).rank == COLLISION
+    return variant(os.path.splitext(path)[0])[1] == COLLISION
 
 
 def of_one_object(paths: Sequence[str]) -> Iterable[list[int]]:
     """Positions of the paths, without suffixes, of each object, the best of `WORDS` first."""
-    variants = [variant(path) for path in paths]
-    sure = {of_path.object for of_path in variants if of_path.sure}
+    objects, ranks, is_sure = zip(*map(variant, paths), strict=True)
+    sure = {key for key, is_so in zip(objects, is_sure, strict=True) if is_so}
     groups, in_folder = defaultdict(list), defaultdict(set)
-    for position, (key, _, _) in enumerate(variants):
+    for position, key in enumerate(objects):
         key = key if key in sure or not key[-1] else tuple(paths[position].split("/"))
         groups[key].append(position)
         in_folder[key[:-1]].add(key)
     for folder, keys in in_folder.items():  # hulls that are named for nothing, beside one object
         hulls = (*folder, "")
-        if hulls in sure and len(keys) == 2 and all(variants[hull].rank == COLLISION for hull in groups[hulls]):
+        if hulls in sure and len(keys) == 2 and all(ranks[hull] == COLLISION for hull in groups[hulls]):
             (other,) = keys - {hulls}
             groups[other] += groups.pop(hulls)
-    return (sorted(group, key=lambda position: variants[position].rank) for group in groups.values())
+    return (sorted(group, key=ranks.__getitem__) for group in groups.values())

@@ -2,7 +2,7 @@
 
 Equalities of joints (a URDF's mimic joints among them), closed loops (`connect`, `weld`) and fixed tendons with an
 actuator make one mechanism of several joints, which gets one servo. Where its driver puts the others is solved from the
-model's own constraints; polynomials are fitted to that, of the degree of MuJoCo's equalities of joints.
+model's own constraints; polynomials are fitted to that.
 """
 
 import mujoco
@@ -22,11 +22,8 @@ REMEDY = "write it as `equality/joint`s of one driver with `polycoef`, or delete
 
 class Couplings:
     """Couplings of the J joints with these numbers: `driver` (J,), `coefficients` (J, 5) of powers of the driver's
-    position, and `range` (J, 2), NaN without one.
-
-    Raises ValueError that names the equality, or the joints, for what ties the hand to something else, or is not moved
-    by one servo within `TOLERANCE`.
-    """
+    position, and `range` (J, 2), NaN without one. Raises ValueError that names the equality, or the joints, for what
+    ties the hand to something else, or is not moved by one servo within `TOLERANCE`."""
 
     def __init__(self, model: mujoco.MjModel, joints: list[int]):
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
@@ -54,8 +51,7 @@ class Couplings:
             self._couple(members, moments[moments[:, members].any(axis=1)])
 
     def _moments(self) -> np.ndarray:
-        """Moment arms about the hand's joints, (A, J), of each actuator that moves them alone, by itself or by a fixed
-        tendon."""
+        """Moment arms about the hand's joints, (A, J), of actuators that move them alone, also by a fixed tendon."""
         model, data = self.model, self.data
         mujoco.mj_forward(model, data)
         moments = np.zeros((model.nu, model.nv))
@@ -85,8 +81,7 @@ class Couplings:
         return tied
 
     def _violated(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Violations (R,) of active equalities and `tendons` with the joints at (J,), rad or m, and their derivatives
-        (R, J)."""
+        """Violations (R,) of active equalities and `tendons` at (J,), rad or m, and their derivatives (R, J)."""
         model, data = self.model, self.data
         data.qpos[:], data.qpos[self.positions] = model.qpos0, at
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):
@@ -97,10 +92,8 @@ class Couplings:
         return violated, np.vstack([slopes, self.tendons])
 
     def _couple(self, members: np.ndarray, moments: np.ndarray) -> None:
-        """Let one of the joints drive the others: one that follows no other by an equality and has an actuator, if any.
-
-        moments: of the actuators that move them.
-        """
+        """Let one of the joints drive the others: one that follows no other by an equality and has an actuator, if any;
+        moments: of the actuators that move them."""
         active = self.data.eq_active.astype(bool)
         follows = np.isin(self.joints, self.model.eq_obj1id[active & (self.model.eq_type == mujoco.mjtEq.mjEQ_JOINT)])
         driver = min(members, key=lambda joint: (follows[joint], not moments[:, joint].any()))

@@ -1,17 +1,16 @@
-"""A robot hand as plain data: a tree of links on hinges and slides, closed geoms, and touch sensors.
-
-Nothing here knows an engine: touch simulation and renderer read the same `Hand` as the grasp simulation.
-"""
+"""A robot hand as plain data: a tree of links on hinges and slides, closed geoms, and touch sensors; no engine."""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from _typeshed import SupportsContainsAndGetItem
+from palpate.sensor import DIGIT
 
 GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
@@ -70,23 +69,21 @@ class Hand:
     opposing_sensors: np.ndarray | None = None  # (s,) bool: those on one of two sides of an object; None: not said
 
     def __post_init__(self) -> None:
+        problem, unknown = "", set(self.geom_kind) - set(GEOM_KINDS)
         if not len(self.sensor_link) or self.sensor_thumb.all():
             thumb = " but the thumb's" * bool(len(self.sensor_link))
-            raise ValueError(
-                f"hand {self.name!r} has no touch sensor{thumb}: name one or more sensor frames of other fingers"
-            )
-        if not np.isfinite(self.joint_range).all() or (self.joint_range[:, 0] > self.joint_range[:, 1]).any():
-            raise ValueError(f"hand {self.name!r}: every joint needs a finite range (low, high) in radians or metres")
-        unknown = set(self.geom_kind) - set(GEOM_KINDS)
-        if unknown:
-            raise ValueError(f"hand {self.name!r} has geoms of kind {sorted(unknown)}: use {', '.join(GEOM_KINDS)}")
-        if not self.geom_collides.any():
-            raise ValueError(f"hand {self.name!r} has no geom that collides: its fingers would pass through objects")
-        if not SMALLEST <= self.length() <= LARGEST:
-            raise ValueError(
-                f"hand {self.name!r} is {self.length():.3g} m from end to end, not {SMALLEST:g} to"
-                f" {LARGEST:g} m: give all lengths in metres"
-            )
+            problem = f"has no touch sensor{thumb}: name one or more sensor frames of other fingers"
+        elif not np.isfinite(self.joint_range).all() or (self.joint_range[:, 0] > self.joint_range[:, 1]).any():
+            problem = "has a joint without a finite range (low, high) in radians or metres: give it one"
+        elif unknown:
+            problem = f"has geoms of kind {sorted(unknown)}: use {', '.join(GEOM_KINDS)}"
+        elif not self.geom_collides.any():
+            problem = "has no geom that collides: its fingers would pass through objects"
+        elif not SMALLEST <= (length := self.length()) <= LARGEST:
+            limits = f"{SMALLEST:g} to {LARGEST:g} m: give all lengths in metres"
+            problem = f"is {length:.3g} m from end to end, not {limits}"
+        if problem:
+            raise ValueError(f"hand {self.name!r} {problem}")
 
     @classmethod
     def from_rows(
@@ -99,10 +96,7 @@ class Hand:
         open_joint_positions: Sequence[float] | np.ndarray,
         palm_anchor: np.ndarray,
     ) -> "Hand":
-        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order.
-
-        All its geoms that collide do so with each other, but for those of `adjacent_links`.
-        """
+        """The hand of rows, attributes in order; geoms that collide do so with each other, but for `adjacent_links`."""
         values: dict[str, Any] = {}
         for group, rows in {"link": links, "joint": joints, "geom": geoms, "sensor": sensors}.items():
             attributes = [field.name for field in fields(cls) if field.name.startswith(f"{group}_")]
@@ -118,8 +112,7 @@ class Hand:
         return replace(hand, colliding_pairs=np.argwhere(np.triu(meets, k=1)))
 
     def length(self) -> float:
-        """Metres of the open hand's largest extent along an axis of the palm, by geoms' centres and sensors, or of a
-        colliding geom's, if larger."""
+        """Metres of the open hand along an axis of the palm, by geoms' centres and sensors, or of its largest geom."""
         links = self.forward(np.eye(4), self.open_joint_positions)
         places = [self.geom_poses(links)[self.geom_collides, :3, 3], self.sensor_frames(links)[0]]
         own = np.array([np.ptp(shape, axis=0).max() if len(shape) else 0 for shape in self.geom_vertices])
@@ -131,13 +124,11 @@ class Hand:
         """Metres (s,) from each sensor's origin to where its +x axis leaves its link's geoms; 0 if it misses them."""
         link_pose = self.forward(np.eye(4), self.open_joint_positions)
         position, rotation = self.sensor_frames(link_pose)
-        along = np.linspace(0, GEL_SEARCH, 501)
-        distances = np.zeros(len(self.sensor_link))
-        for sensor, link in enumerate(self.sensor_link):
-            ray = position[sensor] + along[:, None] * rotation[sensor][:, 0]
-            inside = self.signed_distance(ray, link_pose, links=[link]) < 0
-            distances[sensor] = along[inside].max() if inside.any() else 0.0
-        return distances
+        along, distances = np.linspace(0, GEL_SEARCH, 501), []
+        for link, start, axes in zip(self.sensor_link, position, rotation, strict=True):
+            inside = self.signed_distance(start + along[:, None] * axes[:, 0], link_pose, links=[link]) < 0
+            distances.append(along[inside].max(initial=0.0))
+        return np.array(distances)
 
     def forward(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> np.ndarray:
         """World poses (..., L, 4, 4) of links for palm_pose (..., 4, 4) and joint_positions (..., J), broadcast."""
@@ -171,11 +162,8 @@ class Hand:
     @cached_property
     def geom_planes(self) -> tuple[np.ndarray, ...]:
         """Half spaces (P, 4) of each geom that is a colliding mesh, as `half_spaces` gives them; empty for others."""
-        meshes = self.geom_collides & (np.array(self.geom_kind) == "mesh")
-        return tuple(
-            half_spaces(vertices) if mesh else np.zeros((0, 4))
-            for mesh, vertices in zip(meshes, self.geom_vertices, strict=True)
-        )
+        meshes = zip(self.geom_collides & (np.array(self.geom_kind) == "mesh"), self.geom_vertices, strict=True)
+        return tuple(half_spaces(vertices) if mesh else np.zeros((0, 4)) for mesh, vertices in meshes)
 
     @property
     def drivers(self) -> np.ndarray:
@@ -220,10 +208,7 @@ class Hand:
     def signed_distance(
         self, points: np.ndarray, link_pose: np.ndarray, links: Collection[int] | None = None
     ) -> np.ndarray:
-        """Signed distance (N,) of points (N, 3) to the colliding geoms, negative inside: closed forms.
-
-        link_pose: (L, 4, 4) in the points' frame. links: only the geoms of these links (default: all).
-        """
+        """Signed distance (N,) of points (N, 3) to the colliding geoms (of these links), negative inside."""
         poses = self.geom_poses(link_pose)
         nearest = np.full(len(points), np.inf)
         for geom in np.flatnonzero(self.geom_collides):
@@ -232,19 +217,13 @@ class Hand:
         return nearest
 
     def adjacent_links(self) -> np.ndarray:
-        """Which links never collide with each other, (L, L) bool: rigidly joined, or one joint apart.
-
-        Links without colliding geoms (the joints of a body with several hinges) don't count between others.
-        """
-        count = len(self.link_names)
-        solid = np.zeros(count, dtype=bool)
-        solid[self.geom_link[self.geom_collides]] = True
-        rigid = np.arange(count)  # the first link of the rigid body that a link belongs to
-        for link in range(1, count):
+        """Which links never collide with each other, (L, L) bool: rigidly joined, or one joint apart. Links without
+        colliding geoms (the joints of a body with several hinges) don't count between others."""
+        rigid = np.arange(len(self.link_names))  # the first link of the rigid body that a link belongs to
+        for link in range(1, len(rigid)):
             if self.joint_of_link[link] < 0:
                 rigid[link] = rigid[self.link_parent[link]]
-        has_geoms = np.zeros(count, dtype=bool)
-        np.logical_or.at(has_geoms, rigid, solid)
+        has_geoms = np.isin(np.arange(len(rigid)), rigid[self.geom_link[self.geom_collides]])
         adjacent = rigid[:, None] == rigid[None, :]
         for first in np.unique(rigid):
             before = self.link_parent[first]
@@ -260,29 +239,26 @@ class Hand:
         arrays: dict[str, np.ndarray] = {}
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is None:
-                continue
             if field.name in ("geom_vertices", "geom_faces"):
                 arrays[field.name] = np.concatenate([np.reshape(array, (-1, 3)) for array in value])
                 arrays[f"{field.name}_count"] = np.array([len(array) for array in value])
             elif isinstance(value, np.ndarray):
                 arrays[field.name] = value
-            else:
-                names = [value] if isinstance(value, str) else list(value)
-                arrays[field.name] = np.array([name.encode() for name in names])
+            elif value is not None:
+                arrays[field.name] = np.array([name.encode() for name in np.atleast_1d(value)])
         return arrays
 
     @classmethod
-    def from_arrays(cls, arrays: "SupportsContainsAndGetItem[str, np.ndarray]", prefix: str = "") -> "Hand":
-        """The hand of `to_arrays`; arrays: by name (a store, an HDF5 group); prefix: of the names in it."""
+    def from_arrays(cls, arrays: Any, prefix: str = "") -> "Hand":
+        """The hand of `to_arrays`; arrays: by name (a mapping, a store, an HDF5 group); prefix: of the names in it."""
         values: dict[str, Any] = {}
         for field in fields(cls):
-            if field.name == "opposing_sensors" and f"{prefix}{field.name}" not in arrays:
+            name = f"{prefix}{field.name}"
+            if field.name == "opposing_sensors" and name not in arrays:
                 continue
-            value = np.asarray(arrays[f"{prefix}{field.name}"][...])
+            value = np.asarray(arrays[name][...])
             if field.name in ("geom_vertices", "geom_faces"):
-                ends = np.cumsum(np.asarray(arrays[f"{prefix}{field.name}_count"][...]))
-                values[field.name] = tuple(np.split(value, ends[:-1]))
+                values[field.name] = tuple(np.split(value, np.cumsum(arrays[f"{name}_count"][...])[:-1]))
             elif value.dtype.kind in "SUO":
                 names = tuple(text.decode() if isinstance(text, bytes) else str(text) for text in value.tolist())
                 values[field.name] = names[0] if field.name == "name" else names
@@ -302,11 +278,8 @@ def rotation_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def signed_distance(kind: str, size: np.ndarray, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Signed distance (N,) of points (N, 3) to a geom in its own frame.
-
-    size: (3,) as in `Hand`; planes: (P, 4) of a mesh, see `half_spaces`. Exact, but outside a mesh, where it is never
-    farther than the true one. It changes by at most 1 m a metre.
-    """
+    """Signed distance (N,) of points (N, 3) to a geom in its own frame. size: (3,) as in `Hand`; planes: (P, 4) of a
+    mesh, see `half_spaces`. Exact, but outside a mesh, where it is never farther than the true one."""
     if kind == "mesh":
         return (points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     if kind == "sphere":
@@ -315,7 +288,20 @@ def signed_distance(kind: str, size: np.ndarray, points: np.ndarray, planes: np.
         excess = np.abs(points) - size
         return np.linalg.norm(np.maximum(excess, 0), axis=1) + np.minimum(excess.max(axis=1), 0)
     if kind == "ellipsoid":
-        return ellipsoid_distance(size, points)
+        # The nearest point of the surface has coordinates a^2 p / (a^2 + t) for half axes a and the greatest t for
+        # which they are on it, found by bisection from the least it can be (Eberly 2013, "Distance from a Point to an
+        # Ellipse, an Ellipsoid, or a Hyperellipsoid").
+        points = np.maximum(np.abs(points), 1e-15)  # in a plane of symmetry the nearest point need not be in it
+        scaled, squares = size * points, np.square(size)
+        beyond = squares - squares.min()  # t + a^2, less that of the shortest axis
+        low, high = scaled[:, np.argmin(size)], np.linalg.norm(scaled, axis=1)
+        for _ in range(50):  # to rounding
+            middle = np.sqrt(low * high)
+            outside = np.square(scaled / (middle[:, None] + beyond)).sum(axis=1) > 1
+            low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+        nearest = size * scaled / (high[:, None] + beyond)
+        sign = np.where(np.square(points / size).sum(axis=1) < 1, -1, 1)
+        return sign * np.linalg.norm(points - nearest, axis=1)
     radius, half_length, _ = size
     if kind == "capsule":
         along = np.clip(points[:, 2], -half_length, half_length)
@@ -325,28 +311,53 @@ def signed_distance(kind: str, size: np.ndarray, points: np.ndarray, planes: np.
     return outside + np.minimum(np.maximum(radial, axial), 0)
 
 
-def ellipsoid_distance(half_axes: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Signed distance (N,) of points (N, 3) to the ellipsoid with these half axes (3,), negative inside.
-
-    The nearest point of the surface has coordinates a^2 p / (a^2 + t) for half axes a and the greatest t for which they
-    are on it; t is found by bisection, from the least it can be (Eberly 2013, "Distance from a Point to an Ellipse, an
-    Ellipsoid, or a Hyperellipsoid").
-    """
-    points = np.maximum(np.abs(points), 1e-15)  # in a plane of symmetry the nearest point need not be in it
-    scaled, squares = half_axes * points, np.square(half_axes)
-    beyond = squares - squares.min()  # t + a^2, less that of the shortest axis
-    low, high = scaled[:, np.argmin(half_axes)], np.linalg.norm(scaled, axis=1)
-    for _ in range(50):  # to rounding
-        middle = np.sqrt(low * high)
-        outside = np.square(scaled / (middle[:, None] + beyond)).sum(axis=1) > 1
-        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-    nearest = half_axes * scaled / (high[:, None] + beyond)
-    sign = np.where(np.square(points / half_axes).sum(axis=1) < 1, -1, 1)
-    return sign * np.linalg.norm(points - nearest, axis=1)
-
-
 def half_spaces(vertices: np.ndarray) -> np.ndarray:
     """The convex hull of vertices (V, 3) as half spaces (P, 4): normal n and offset, n . x + offset < 0 inside."""
     from scipy.spatial import ConvexHull
 
     return np.unique(np.round(ConvexHull(vertices).equations, 9), axis=0)
+
+
+def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
+    """The Allegro hand with four DIGITs as fingertips: 16 joints, four each of index, middle, ring finger and thumb.
+
+    Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. gel_face: m from
+    the sensor frame to the gel's face, of another sensor in the DIGIT's place.
+    """
+    given = yaml.safe_load(Path(__file__).with_name("allegro.yaml").read_text(encoding="utf-8"))
+    links: list[tuple] = [("palm", -1, (0, 0, 0), np.eye(3))]
+    joints: list[tuple] = []
+    geoms: list[tuple] = []
+    sensors: list[tuple] = []
+
+    def add_box(link: int, centre: ArrayLike, half_extents: ArrayLike, colour: str) -> None:
+        no_mesh = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
+        geoms.append((link, "box", half_extents, centre, np.eye(3), given["colours"][colour], True, *no_mesh))
+
+    def add_between(link: int, bounds: Sequence[Sequence[float]], colour: str) -> None:
+        low, high = np.transpose(bounds)
+        add_box(link, (low + high) / 2, (high - low) / 2, colour)
+
+    palm = given["palm"]
+    for box in palm["boxes"]:
+        add_between(0, [palm["x"], *box], "link")
+    sensor_position = given["sensor"] + np.array([DIGIT.gel_face - gel_face, 0, 0])
+    for name, finger in given["fingers"].items():
+        link = 0
+        for number, phalanx in enumerate(finger["links"]):
+            # Roll, pitch and yaw about fixed axes, as in a URDF. scipy's rounds otherwise: stored hands would change.
+            x, y, z = rotation_about(np.eye(3), np.array(phalanx["turn"]))
+            links.append((f"{name}_{number}", link, phalanx["position"], z @ y @ x))
+            link = len(links) - 1
+            joint = len(joints)
+            joints.append((link, phalanx["axis"], False, phalanx["range"], links[link][0], joint, (0, 1, 0, 0, 0)))
+            add_box(link, phalanx["centre"], phalanx["half_extents"], "link")
+        links.append((f"{name}_tip", link, (0, 0, finger["tip"]), np.eye(3)))
+        tip = len(links) - 1
+        add_between(tip, given["digit"], "digit")
+        add_between(tip, given["gel"], "gel")
+        sensors.append((name, name == "thumb", tip, sensor_position, np.eye(3)))
+
+    anchor = np.eye(4)
+    anchor[:3, 3] = (palm["x"][1], 0, palm["anchor_height"])
+    return Hand.from_rows("allegro", links, joints, geoms, sensors, given["open"], anchor)

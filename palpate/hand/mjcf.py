@@ -33,22 +33,14 @@ GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
 def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float = DIGIT.gel_face) -> Hand:
-    """Read a hand of hinges and slides from a model file, with the frames of its sensors.
+    """A hand of hinges and slides from a model file; ConfigError, naming that or the sensors', for what can't be used.
 
-    sensors: a mapping, or a YAML file that holds one, with the keys that `schema.yaml` describes.
-    gel_face: metres from the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are
-    omitted with a warning, for a grasp places the palm. Every other joint gets a servo, or follows one that has, and
-    keeps its range.
-
-    Raises `ConfigError`, naming the model file, for joints other than hinges and slides, unlimited joints, couplings
-    that `Couplings` refuses, degrees for radians, or a size that no hand has; naming the sensors' file, for a wrong key
-    or name, and positions of the open hand out of range.
+    sensors: a mapping, or a YAML file that holds one, with the keys that `schema.yaml` describes. gel_face: metres from
+    the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are omitted with a
+    warning. Every other joint gets a servo, or follows one that has, and keeps its range.
     """
-    path = Path(path)
-    if isinstance(sensors, Mapping):
-        named, description = f"the sensors of {path}", sensors
-    else:
-        named, description = str(sensors), read_yaml(sensors)
+    path, named = Path(path), f"the sensors of {path}" if isinstance(sensors, Mapping) else str(sensors)
+    description = sensors if isinstance(sensors, Mapping) else read_yaml(sensors)
     check(description, SCHEMA, named)
     try:
         return _Reader(_compile(path), path, named).hand(description, gel_face)
@@ -59,10 +51,7 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 
 
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
-    """Read an own hand's files as `from_mjcf` does.
-
-    Returns a sentence for each sensor whose gel's face is off its link, and for gels that touch in the open hand.
-    """
+    """A sentence for each sensor whose gel's face is off its link, and for gels that touch in the open hand."""
     hand, messages = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face
@@ -72,15 +61,12 @@ def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[
         message = f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
         messages += [message] * bool(abs(off) > ON_GEL)
     position, rotation = hand.sensor_frames(hand.forward(np.eye(4), hand.open_joint_positions))
-    out = rotation[:, :, 0]
-    faces = position + sensor.gel_face * out
-    for one, other in combinations(range(len(faces)), 2):
-        apart = np.linalg.norm(faces[other] - faces[one])
-        if apart < CLOSED and out[one] @ out[other] < 0:
-            names = f"{hand.sensor_names[one]!r} and {hand.sensor_names[other]!r}"
-            messages.append(
-                f"{sensors}: the open hand is closed: gels {names} touch ({1e3 * apart:.0f} mm): give `open`"
-            )
+    gels = zip(hand.sensor_names, position + sensor.gel_face * rotation[:, :, 0], rotation[:, :, 0], strict=True)
+    for (one, face, out), (other, other_face, other_out) in combinations(gels, 2):
+        apart = np.linalg.norm(other_face - face)
+        if apart < CLOSED and out @ other_out < 0:
+            touch = f"gels {one!r} and {other!r} touch ({1e3 * apart:.0f} mm)"
+            messages.append(f"{sensors}: the open hand is closed: {touch}: give `open`")
     return messages
 
 
@@ -98,8 +84,7 @@ def model_files(path: Path | str) -> list[Path]:
 
 
 def _compile(path: Path) -> mujoco.MjModel:
-    """The model of a file. Of a URDF the root is a body, which MuJoCo alone makes part of the world, and meshes are
-    those that `_urdf_mesh` finds. Raises ConfigError for a file that is no model."""
+    """The model of a file. Raises ConfigError for a file that is no model."""
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, OSError) as error:
@@ -120,36 +105,30 @@ def _compile(path: Path) -> mujoco.MjModel:
 
 
 def _urdf(root: ElementTree.Element, path: Path) -> mujoco.MjSpec:
-    """The specification of a URDF, its meshes found. Raises ConfigError for a mesh that is not there."""
+    """The specification of a URDF, its root a body, which MuJoCo alone makes part of the world, and its meshes found:
+    relative to it, or below a folder above it (`package://`, with or without the package's name), or by their last part
+    in the compiler's folder. Raises ConfigError for a mesh that is not there."""
     settings = root.find("mujoco/compiler")
     if settings is None:
         settings = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
     shown = settings.get("discardvisual") == "false"  # by default visual meshes aren't read
     for mesh in root.iter("mesh") if shown else root.iterfind(".//collision/geometry/mesh"):
-        file = _urdf_mesh(path, settings.get("meshdir", ""), mesh.get("filename", ""))
+        name, folders = mesh.get("filename", ""), [path.parent, *path.absolute().parents]
+        tail, own = Path(name.partition("://")[2] or name), path.parent / settings.get("meshdir", "")
+        places = [folder / part for part in (tail, Path(*tail.parts[1:])) for folder in folders if part.parts]
+        file = next((place for place in (*places, own / tail, own / tail.name) if place.is_file()), None)
         if file is None:
-            raise ConfigError(f"{path}: no mesh {mesh.get('filename')!r} here, in a folder above, or in the `meshdir`")
-        mesh.set("filename", str(file))
+            raise ConfigError(f"{path}: no mesh {name!r} here, in a folder above, or in the `meshdir`")
+        mesh.set("filename", str(file.resolve()))
     settings.attrib |= {"strippath": "false", "meshdir": "", "fusestatic": "false"}
     return mujoco.MjSpec.from_string(ElementTree.tostring(root, "unicode"))
-
-
-def _urdf_mesh(path: Path, meshdir: str, name: str) -> Path | None:
-    """The file that a mesh's name in a URDF means: relative to the URDF, or below a folder above it (`package://`, with
-    or without the package's name), or by its last part in the compiler's folder."""
-    tail = Path(name.partition("://")[2] or name)
-    folders = [path.parent, *path.absolute().parents]
-    places = [folder / part for part in (tail, Path(*tail.parts[1:])) for folder in folders if part.parts]
-    places += [path.parent / meshdir / tail, path.parent / meshdir / tail.name]
-    return next((place.resolve() for place in places if place.is_file()), None)
 
 
 class _Reader:
     """Rebases every body's frame so that its origin is on its joint's axis, as `Hand` has it."""
 
     def __init__(self, model: mujoco.MjModel, path: Path, source: str):
-        """source: of the description of the sensors, for error messages."""
-        self.model, self.path, self.source = model, path, source
+        self.model, self.path, self.source = model, path, source  # of the description of the sensors, for messages
         if model.nbody == 1:
             raise ValueError("the model has no body: give the file that includes it, if it is a part of one")
         self.collides = (model.geom_contype | model.geom_conaffinity) != 0  # or drawn only
@@ -233,12 +212,10 @@ class _Reader:
     def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
         """Joint positions (J,) of the open hand; those that are not given are at the reference, or follow."""
         names, start = list(hand.joint_names), hand.open_joint_positions.copy()
-        if isinstance(given, Sequence):
-            if len(given) != len(names):
-                counts = f"{len(given)} joint positions, the hand has {len(names)} joints"
-                raise ConfigError(f"{self.source}: `open` has {counts}: {', '.join(names)}")
-            given = dict(zip(names, given, strict=True))
-        given = given or {}
+        if isinstance(given, Sequence) and len(given) != len(names):
+            counts = f"{len(given)} joint positions, the hand has {len(names)} joints"
+            raise ConfigError(f"{self.source}: `open` has {counts}: {', '.join(names)}")
+        given = dict(zip(names, given, strict=True)) if isinstance(given, Sequence) else given or {}
         if unknown := [name for name in given if name not in names]:
             raise ConfigError(f"{self.source}: `open`: no joint {unknown[0]!r}, but {', '.join(names)}")
         joints = [names.index(name) for name in given]
@@ -323,9 +300,8 @@ class _Reader:
         """The pose (4, 4) that is described, or on the face of the palm's geoms that is farthest along its x."""
         anchor = np.eye(4)
         if given := description.get("anchor"):
-            name, link, anchor[:3, 3], anchor[:3, :3] = self._sensor(
-                {"site": given} if isinstance(given, str) else given
-            )
+            given = {"site": given} if isinstance(given, str) else given
+            name, link, anchor[:3, 3], anchor[:3, :3] = self._sensor(given)
             if link != 0:
                 raise ConfigError(f"{self.source}: anchor {name!r} is not on the palm's body")
             return anchor
@@ -345,11 +321,10 @@ class _Reader:
             raise ValueError(f"geom {geom} ({model.geom(geom).name!r}) is a plane or a field: no part of a hand")
         vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
         if kind == "mesh":
-            mesh = model.geom_dataid[geom]
-            start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-            first, number = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-            vertices = model.mesh_vert[start : start + count].astype(float)
-            faces = model.mesh_face[first : first + number].astype(int)
+            mesh = model.mesh(model.geom_dataid[geom])
+            start, first = mesh.vertadr[0], mesh.faceadr[0]
+            vertices = model.mesh_vert[start : start + mesh.vertnum[0]].astype(float)
+            faces = model.mesh_face[first : first + mesh.facenum[0]].astype(int)
         position, rotation = self.origin_of_body[body] + model.geom_pos[geom], _rotation(model.geom_quat[geom])
         material = model.geom_matid[geom]
         colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]

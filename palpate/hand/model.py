@@ -1,5 +1,7 @@
 """A `Hand` as a MuJoCo specification: joints with position servos, and those of its geoms that collide."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -21,14 +23,12 @@ LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7  # of links without a volume of their own
 
 
 def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
-    """The hand as an `MjSpec`; bodies, joints and servos are named as their links.
+    """The hand as an `MjSpec`; bodies, joints and servos are named as their links. The palm is fixed to the world.
 
-    Joints without a servo follow their drivers by equalities. The palm is fixed to the world; its `pos` and `quat` in
-    the model may change between simulations. `stiffness`: the servos' gain in N m / rad (of slides / ARM^2, N / m),
-    critically damped against the armature. Links have the density of water, or less where the servos couldn't stop them
-    in time (`LARGEST_INERTIA`); a user's masses, gains and armature play no part.
-
-    Omitted are geoms that are only drawn, and contacts of the hand with itself that are not in its `colliding_pairs`.
+    Joints without a servo follow their drivers by equalities. `stiffness`: the servos' gain in N m / rad (of slides
+    / ARM^2, N / m), critically damped against the armature. Links have the density of water, or less where the servos
+    couldn't stop them in time (`LARGEST_INERTIA`). Omitted are geoms that are only drawn, and contacts of the hand with
+    itself that are not in its `colliding_pairs`.
     """
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
@@ -41,15 +41,10 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         bodies.append(body)
         for joint in np.flatnonzero(hand.joint_link == link):
             slides = hand.joint_slides[joint]
-            body.add_joint(
-                name=name,
-                type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
-                axis=hand.joint_axis[joint],
-                range=hand.joint_range[joint],
-                limited=LIMITED[int(hand.joint_driver[joint] == joint)],
-                armature=at_arm(ARMATURE, slides),
-                damping=[at_arm(DAMPING, slides), 0, 0],
-            )
+            added = body.add_joint(name=name, axis=hand.joint_axis[joint], range=hand.joint_range[joint])
+            added.type = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+            added.limited = LIMITED[int(hand.joint_driver[joint] == joint)]
+            added.armature, added.damping = at_arm(ARMATURE, slides), [at_arm(DAMPING, slides), 0, 0]
     names = [hand.link_names[link] for link in hand.joint_link]
     armature = np.where(hand.joint_slides, at_arm(ARMATURE, True), ARMATURE)
     moved = hand.follow_slopes(hand.open_joint_positions) ** 2 * armature[:, None]
@@ -72,14 +67,8 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         )
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
-    add_exclusions(spec, hand)
-    lighten(spec, hand.open_joint_positions)
-    return spec
-
-
-def add_exclusions(spec: mujoco.MjSpec, hand: Hand) -> None:
-    """Exclude from contact two links unless each geom of one collides with each of the other, and adjacent ones; their
-    pairs that do collide are named one by one."""
+    # No contact of two links unless each geom of one collides with each of the other, and of adjacent ones; their pairs
+    # that do collide are named one by one.
     count = np.bincount(hand.geom_link[hand.geom_collides], minlength=len(hand.link_names))
     colliding = np.zeros((len(count), len(count)), dtype=int)
     links = hand.geom_link[hand.colliding_pairs]
@@ -89,6 +78,8 @@ def add_exclusions(spec: mujoco.MjSpec, hand: Hand) -> None:
         spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
     for one, other in hand.colliding_pairs[excluded[tuple(links.T)]]:
         spec.add_pair(geomname1=f"hand_geom_{one}", geomname2=f"hand_geom_{other}", condim=1)
+    lighten(spec, hand.open_joint_positions)
+    return spec
 
 
 def at_arm(constant: float, slides: bool) -> float:
@@ -110,19 +101,12 @@ def lighten(spec: mujoco.MjSpec, joint_positions: np.ndarray) -> None:
 
 def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> mujoco.MjsGeom:
     """One of the hand's geoms on its link's body."""
-    kind, name, mesh = hand.geom_kind[geom], f"hand_geom_{geom}", {}
+    kind, name = hand.geom_kind[geom], f"hand_geom_{geom}"
+    more: dict[str, Any] = {"pos": hand.geom_position[geom], "quat": quaternion(hand.geom_rotation[geom])}
     if kind == "mesh":
         spec.add_mesh(name=name, uservert=hand.geom_vertices[geom].ravel())
-        mesh = {"meshname": name}
-    return body.add_geom(
-        name=name,
-        type=MUJOCO_GEOM[kind],
-        size=hand.geom_size[geom],
-        pos=hand.geom_position[geom],
-        quat=quaternion(hand.geom_rotation[geom]),
-        condim=1,
-        **mesh,
-    )
+        more["meshname"] = name
+    return body.add_geom(name=name, type=MUJOCO_GEOM[kind], size=hand.geom_size[geom], condim=1, **more)
 
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:

@@ -1,7 +1,4 @@
-"""Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured.
-
-Importing this package loads no engine: its constants and the paths of mesh files are used without one.
-"""
+"""Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured."""
 
 import json
 from collections.abc import Mapping
@@ -36,37 +33,28 @@ def prepare(
     root: Path | str | None = None,
     turn: float = 0.0,
 ) -> dict[str, Any]:
-    """Make the mesh files of one object from a source file of any of `FORMATS`.
+    """Make `visual.glb` (every face, materials and textures), `collision.ply` (decimated, geometry only), both in the
+    object's own frame (metres, z up, bounding-box centre at the origin), and `mesh.json`, whose content is returned.
 
-    Writes into the folder `visual.glb` (every face, materials and textures) and `collision.ply` (decimated, geometry
-    only), both in the object's own frame (metres, z up, bounding-box centre at the origin), and `mesh.json`
-    (docs/meshes.md), whose content is returned.
-
-    up: the source's up axis, "x", "y" or "z". turn: degrees about the vertical, after that. scale: "diagonal" for a
-    bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres of a unit of the file. root:
-    the folder that textures and buffers have to be in; default: the one above the file's own. A mesh of no more than
-    `collision_faces` faces is not decimated.
+    source: of any of `FORMATS`. up: its up axis, "x", "y" or "z". turn: degrees about the vertical, after that. scale:
+    "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres of a unit of
+    the file. root: the folder that textures and buffers have to be in; default: the one above the file's own.
 
     Raises `UnusableObject` if the file can't be read, holds no surface, takes more than `time_limit` seconds, or is not
     `SMALLEST` to `LARGEST` across at its scale; OSError or MemoryError for a full disk or lack of memory.
     """
-    source, folder = Path(source), Path(folder)
-    # Imported here, in the parent of the child processes: stages that only load meshes need no pymeshlab.
-    from palpate.mesh.build import build
+    from palpate.mesh.build import build  # in the parent of the child processes
 
     try:
-        return isolated(build, source, folder, up, collision_faces, scale, root, turn, seconds=time_limit)
+        return isolated(build, Path(source), Path(folder), up, collision_faces, scale, root, turn, seconds=time_limit)
     except UnusableObject as error:
         message = str(error)
         raise UnusableObject(message if str(source) in message else f"{source}: {message}") from None
 
 
 def facts(record: Mapping[str, Any]) -> dict[str, Any]:
-    """An object's facts for the summary of a run; record: of `mesh.json`.
-
-    `problems`: named files and parts that can't be used, and what follows. `shape`: sides of the box, and the root of
-    the area, in diagonals.
-    """
+    """An object's `problems` (named files and parts that can't be used, and what follows) and its `shape` (sides of the
+    box, and the root of the area, in diagonals); record: of `mesh.json`."""
     low, high = np.array(record["visual.glb"]["bounding_box"])
     shape = [float(length) / record["diagonal"] for length in (*(high - low), record["visual.glb"]["area"] ** 0.5)]
     return {"problems": record["source"]["problems"], "shape": shape}
@@ -84,10 +72,8 @@ def diagonal(folder: Path | str) -> float:
 
 
 def mesh_file(folder: Path | str, name: str) -> Path:
-    """Path of a file in an object's folder, compared with the batch's seal if it has one, as in a run.
-
-    Raises `palpate.seal.DamagedFile` if the file is missing or not the one that was written.
-    """
+    """Path of a file in an object's folder. Raises `palpate.seal.DamagedFile` if the batch has a seal, as in a run, and
+    the file is missing or not the one that was written."""
     path, batch = Path(folder, name), Path(folder).parent
     if (batch / seal.NAME).exists():
         sealed, relative = seal.read(batch), f"{path.parent.name}/{name}"
@@ -98,11 +84,8 @@ def mesh_file(folder: Path | str, name: str) -> Path:
 
 
 def usable(batch: Path | str, contents: bool = False) -> list[str]:
-    """Names of the objects that a run's batch of meshes holds, by its seal.
-
-    contents: compare all files with their checksums, too. Raises `palpate.seal.DamagedFile`, naming the first
-    files, if the seal or files are missing, of another size, or changed.
-    """
+    """Names of the objects that a run's batch of meshes holds, by its seal; contents: compare checksums of files, too.
+    Raises `palpate.seal.DamagedFile`, naming files, if the seal or files are missing, of another size, or changed."""
     sealed = seal.read(batch)
     sealed.require(contents=contents)
     return list(dict.fromkeys(name.split("/")[0] for name in sealed.files if "/" in name))
@@ -119,8 +102,7 @@ Mesh: TypeAlias = "Geometry | trimesh.Trimesh"  # what has vertices (n, 3) and f
 
 
 def load_geometry(folder: Path | str) -> Geometry:
-    """Every face of `visual.glb` in the object's own frame, read without trimesh: its import alone takes longer than
-    sensing the touches of an object."""
+    """Every face of `visual.glb` in the object's own frame, without trimesh: its import takes longer than sensing."""
     path = mesh_file(folder, "visual.glb")
     (tree, start), data = gltf_tree(path), path.read_bytes()
 

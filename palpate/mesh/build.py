@@ -13,7 +13,6 @@ from palpate.camera import rotation_about
 from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.load import load
-from palpate.mesh.part import material_of
 from palpate.mesh.repair import repair
 
 # Rotations that turn the source's up axis to z. The front (-z for y up, as in glTF and ShapeNet) goes to +y.
@@ -54,8 +53,9 @@ def build(
     folder.mkdir(parents=True, exist_ok=True)
     shown = [mesh for mesh in parts if len(mesh.faces)]
     wraps = [mesh.metadata.pop("wrap", None) for mesh in shown]
-    for mesh, wrap in zip(shown, wraps, strict=True):  # trimesh writes materials whose data are the same as one
-        material_of(mesh)._data["wrap"] = wrap
+    materials = [mesh.visual.material for mesh in shown]  # type: ignore[union-attr]  # of visuals of other kinds
+    for material, wrap in zip(materials, wraps, strict=True):  # trimesh writes those whose data are the same as one
+        material._data["wrap"] = wrap
     try:
         glb = trimesh.Scene(shown).export(file_type="glb", tree_postprocessor=lambda tree: _complete(tree, wraps))
     except (OSError, SyntaxError) as error:  # PIL's: textures are decoded here, nothing is written yet
@@ -64,7 +64,7 @@ def build(
             "from the material"
         ) from error
     (folder / "visual.glb").write_bytes(glb)
-    see_through = any(material_of(mesh).alphaMode not in (None, "OPAQUE") for mesh in shown)
+    see_through = any(material.alphaMode not in (None, "OPAQUE") for material in materials)
     record = {
         "version": VERSION,
         "source": {
@@ -82,16 +82,28 @@ def build(
         "repairs": repaired.counts,
         "visual.glb": _describe(vertices, faces) | {"see_through": see_through},
     }
-    record["collision.ply"] = _write_collision(folder / "collision.ply", vertices, faces, collision_faces)
+    level = decimate(vertices, faces, collision_faces)
+    collision = trimesh.Trimesh(*level, process=False, validate=False)
+    collision.export(folder / "collision.ply", file_type="ply", vertex_normal=False)
+    record["collision.ply"] = {"asked": collision_faces} | _describe(*level)
     (folder / "mesh.json").write_text(json.dumps(record, indent=1) + "\n")
     return record
 
 
-def size(source: Path, extent: float, scale: str | float, unit: float) -> tuple[float, float]:
-    """Diagonal (m) of an object's box and factor from its file's unit to metres.
+def measure(source: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str], list[float]]:
+    """Extent, faces, what is wrong with files that it names, and shape (`palpate.mesh.facts`) of a source file."""
+    (parts, unit), missing = load(source, root)
+    vertices, faces, _ = joined(parts, source)
+    sides = np.ptp(vertices[faces.ravel()], axis=0)
+    extent, area = float(np.linalg.norm(sides)), np.linalg.norm(topology.cross(vertices[faces]), axis=1).sum() / 2
+    if not area:
+        raise UnusableObject(f"{source}: none of its {len(faces)} triangles has an area: export its surface")
+    size(source, extent, scale, unit)
+    return extent, len(faces), missing, [float(length) / extent for length in (*sides, area**0.5)]
 
-    extent: the diagonal in that unit; unit: metres of the unit that the file states; scale: as for `prepare`.
-    """
+
+def size(source: Path, extent: float, scale: str | float, unit: float) -> tuple[float, float]:
+    """Diagonal (m) of an object's box of this extent in the file's unit, and the factor; scale: as for `prepare`."""
     if scale == "diagonal":
         return DIAGONAL, DIAGONAL / extent
     factor = unit if scale == "keep" else float(scale)
@@ -125,7 +137,11 @@ def joined(parts: Sequence[trimesh.Trimesh], source: Path) -> tuple[np.ndarray, 
             f"{source}: its bounding box has a diagonal of {diagonal:g}, so it has no size to scale: "
             "export an object that has an extent"
         )
-    rounding = _single_rounding(vertices[used])
+    with np.errstate(over="ignore"):
+        single = vertices[used].astype(np.float32)
+    # Coordinates were rounded to single precision if each is a number of it, and some use its last digit.
+    rounded = (single == vertices[used]).all() and (single.view(np.int32) & 1).any()
+    rounding = float(np.spacing(np.abs(single).max())) / 2 if rounded else 0.0
     if rounding > COARSEST * diagonal:
         raise UnusableObject(
             f"{source}: {np.abs(vertices[used]).max():g} from the origin, its coordinates are rounded by up "
@@ -136,18 +152,6 @@ def joined(parts: Sequence[trimesh.Trimesh], source: Path) -> tuple[np.ndarray, 
     return vertices, faces, part
 
 
-def _single_rounding(vertices: np.ndarray) -> float:
-    """Largest rounding of coordinates (n, 3) to single precision; 0 if they were not rounded.
-
-    They were if each is a number of single precision, and some use its last digit.
-    """
-    with np.errstate(over="ignore"):
-        single = vertices.astype(np.float32)
-    if not (single == vertices).all() or not (single.view(np.int32) & 1).any():
-        return 0.0
-    return float(np.spacing(np.abs(single).max())) / 2
-
-
 def _rewrite(
     mesh: trimesh.Trimesh, turn: np.ndarray, centre: np.ndarray, scale: float, keep: np.ndarray, flip: np.ndarray
 ) -> None:
@@ -156,16 +160,14 @@ def _rewrite(
     faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
     mesh.vertices = (mesh.vertices @ turn.T - centre) * scale
     mesh.faces = faces
-    if not keep.all():
-        mesh.update_faces(keep)
-    used = np.zeros(len(mesh.vertices), dtype=bool)
-    used[mesh.faces] = True
+    mesh.update_faces(keep)
+    used = np.isin(np.arange(len(mesh.vertices)), mesh.faces)
     mesh.update_vertices(used)
     if normals is not None and len(mesh.faces):
         normals = (normals @ turn.T)[used]
         against = np.einsum("ij,ij->i", normals, mesh.vertex_normals) < 0
-        turned = np.where(against[:, None], -normals, normals)
-        mesh.vertex_normals = turned  # type: ignore[method-assign]  # of a cached property with a setter
+        # Of a cached property with a setter.
+        mesh.vertex_normals = np.where(against[:, None], -normals, normals)  # type: ignore[method-assign]
 
 
 def _complete(tree: dict[str, Any], wraps: Sequence[tuple[str, str] | None]) -> None:
@@ -202,11 +204,3 @@ def _describe(vertices: np.ndarray, faces: np.ndarray) -> dict[str, Any]:
         "volume": float(np.einsum("ij,ij->", corner[:, 0], cross) / 6) if closed else None,
         "bounding_box": [corner.min(axis=(0, 1)).tolist(), corner.max(axis=(0, 1)).tolist()],
     }
-
-
-def _write_collision(path: Path, vertices: np.ndarray, faces: np.ndarray, count: int) -> dict[str, Any]:
-    """Write the mesh decimated to `count` faces; returns its record."""
-    level = decimate(vertices, faces, count)
-    mesh = trimesh.Trimesh(*level, process=False, validate=False)
-    mesh.export(path, file_type="ply", vertex_normal=False)
-    return {"asked": count} | _describe(*level)

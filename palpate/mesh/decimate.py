@@ -14,12 +14,9 @@ QUALITY = 0.3  # shapes of triangles no worse than this (1 for equilateral) coun
 
 
 def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
-
-    A mesh that has no more than `count` faces comes back as it is. A closed mesh stays closed, and the pieces of any
-    mesh stay apart and keep their holes, if need be with more faces. Borders stay where they are, unless that keeps too
-    many faces.
-    """
+    """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces; of fewer as it is. A
+    closed mesh stays closed, and the pieces of any mesh stay apart and keep their holes, if need be with more faces.
+    Borders stay where they are, unless that keeps too many faces."""
     if len(faces) <= count:
         return vertices, faces
     closed = topology.is_closed(faces)
@@ -41,19 +38,10 @@ def _collapsed(
     # All parameters: those not given pymeshlab takes from the call before, and results would depend on it.
     # Cleaning would drop what collapsed to nothing, and so open closed meshes.
     meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=count,
-        targetperc=0.0,
-        qualitythr=QUALITY,
-        preserveboundary=fixed_borders,
-        boundaryweight=BORDER_WEIGHT,
-        preservenormal=True,
-        preservetopology=True,
-        optimalplacement=True,
-        planarquadric=True,
-        planarweight=PLANAR_WEIGHT,
-        qualityweight=False,
-        autoclean=False,
-        selected=False,
+        **{"targetfacenum": count, "targetperc": 0.0, "qualitythr": QUALITY, "optimalplacement": True},
+        **{"preserveboundary": fixed_borders, "boundaryweight": BORDER_WEIGHT, "preservenormal": True},
+        **{"planarquadric": True, "planarweight": PLANAR_WEIGHT, "preservetopology": True},
+        **{"qualityweight": False, "autoclean": False, "selected": False},
     )
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()

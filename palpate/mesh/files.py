@@ -18,14 +18,11 @@ DRAWN_GREY = "drawn in neutral grey"
 
 
 class Files:
-    """Reads what a mesh file names. root: the folder that it has to be in, as for `palpate.named_files.find`.
-
-    Attributes: problems, by the name of a file or a part: what is wrong with it, and what follows.
-    """
+    """Reads what a mesh file names. root: the folder that it has to be in, as for `palpate.named_files.find`."""
 
     def __init__(self, path: Path, root: Path | str | None = None):
         self.path, self.root = path, root
-        self.problems: dict[str, str] = {}
+        self.problems: dict[str, str] = {}  # by the name of a file or a part: what is wrong with it, and what follows
 
     def note(self, name: str, problem: str) -> None:
         """Record, and log once, what is wrong with a file or a part that the mesh file names, and what follows."""
@@ -34,8 +31,7 @@ class Files:
         self.problems[name] = problem
 
     def read(self, name: str) -> bytes:
-        """The content of a named file, as `palpate.named_files.find` finds it. Raises FileNotFoundError, with the
-        reason."""
+        """The content of a named file. Raises FileNotFoundError, with the reason."""
         place = named_files.find(self.path, name, self.root)
         if place is None:
             outside = named_files.is_outside(self.path, name, self.root)
@@ -43,10 +39,8 @@ class Files:
         return (self.path.parent / place).read_bytes()
 
     def picture(self, name: str, data: bytes | None = None, follows: str = DRAWN_GREY) -> PIL.Image.Image | None:
-        """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used.
-
-        Raises ValueError, or at its export what PIL does, for one that is cut off.
-        """
+        """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used. Raises
+        ValueError, or at its export what PIL does, for one that is cut off."""
         problem = ""
         try:
             image = PIL.Image.open(io.BytesIO(self.read(name) if data is None else data))
@@ -66,10 +60,7 @@ class Files:
 
 
 def _eight_bit(image: PIL.Image.Image) -> PIL.Image.Image:
-    """A picture as glTF can have it: 8 bits of L, RGB or RGBA. A JPEG of these is written as it was.
-
-    Whole numbers of 16 or 32 bits are scaled to 8, and floats are clipped to 0..1.
-    """
+    """A picture as glTF can have it: 8 bits of L, RGB or RGBA. A JPEG of these is written as it was."""
     if image.mode in ("L", "RGB", "RGBA") and "transparency" not in image.info:
         if image.format == "JPEG":
             # Its own quantisation, not the writer's lower default.

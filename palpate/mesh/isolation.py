@@ -11,13 +11,9 @@ from palpate.batch import UnusableObject, lacks_memory, require_memory
 
 
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> Any:
-    """Call the function in a forked child process and return its (picklable) result.
-
-    Raises `UnusableObject` if it does, if the child crashes (segmentation fault) or takes more than `seconds`. A
-    pause of both processes, as by Ctrl-Z, counts as one second at most. With the child's traceback: OSError or
-    MemoryError if it does, also in a library's own words; RuntimeError for any other exception. MemoryError too if the
-    child is killed, as systems do without memory, or crashes with little memory.
-    """
+    """Call the function in a forked child process and return its (picklable) result. Raises `UnusableObject` if it
+    does, crashes or takes more than `seconds` (a pause of both processes counts as one at most); OSError or MemoryError
+    if it does, also in a library's own words, else RuntimeError, with its traceback; MemoryError too if killed."""
     context = multiprocessing.get_context("fork")  # no second start of Python and its libraries
     receiver, sender = context.Pipe(duplex=False)
     child = context.Process(target=_answer, args=(sender, function, arguments), daemon=True)
@@ -54,12 +50,9 @@ def _answer(sender: Connection, function: Callable[..., Any], arguments: tuple[A
     try:
         message = None, function(*arguments)
     except Exception as error:
-        trace = f"in the process that prepares the mesh:\n{traceback.format_exc()}"
-        if lacks_memory(error):
-            message = MemoryError, trace
-        elif isinstance(error, UnusableObject):
+        kind = MemoryError if lacks_memory(error) else OSError if isinstance(error, OSError) else RuntimeError
+        message = kind, f"in the process that prepares the mesh:\n{traceback.format_exc()}"
+        if isinstance(error, UnusableObject):
             message = UnusableObject, str(error)
-        else:
-            message = OSError if isinstance(error, OSError) else RuntimeError, trace
     sender.send(message)
     sender.close()

@@ -7,8 +7,7 @@ from palpate.mesh import FORMATS
 from palpate.mesh.files import Files
 from palpate.mesh.formats import collada, gltf, obj, off, ply, stl, threemf
 from palpate.mesh.part import Loaded
-from palpate.mesh.recognise import UNREAD, what_it_is
-from palpate.named_files import unusable
+from palpate.named_files import UNREAD, unusable, what_it_is
 
 # Imported with this module: objects are read in processes of their own, which would each import them.
 READERS = {"obj": obj, "glb": gltf, "gltf": gltf, "stl": stl, "ply": ply, "off": off, "dae": collada, "3mf": threemf}
@@ -16,10 +15,9 @@ READERS = {"obj": obj, "glb": gltf, "gltf": gltf, "stl": stl, "ply": ply, "off":
 
 def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict[str, str]]:
     """Every triangle mesh of a file, placed as the file says, nothing repaired, and what is wrong with files and parts
-    that it names, by their names.
+    that it names (in root, as for `palpate.named_files.find`), by their names.
 
-    root: the folder that named files have to be in, as for `palpate.named_files.find`.
-    Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks;
+    Raises `UnusableObject` if the file can't be read, holds no triangles, or refers to vertices that it lacks;
     MemoryError, naming the file, if there is too little memory for it.
     """
     path = Path(path)

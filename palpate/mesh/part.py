@@ -1,12 +1,11 @@
-"""A part of an object: triangles with one explicit material. What readers of mesh files return.
+"""Parts of an object, triangles with one explicit material (glTF's defaults are metal), as readers make them."""
 
-Every material states metallic, roughness and base colour; glTF's defaults would make it metal.
-"""
-
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 import trimesh
+from PIL.Image import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.color import srgb_to_linear
 from trimesh.visual.material import PBRMaterial
@@ -39,32 +38,61 @@ def make_part(
     uint8, linear light, multiplied with the material's; material: by default white under colours, else `PLAIN`.
     wrap: of the texture across and up, if not both "repeat": "clamp" or "mirror".
     """
-    if material is None:
-        material = plain(1.0 if colours is not None else PLAIN)
+    material = plain(PLAIN if colours is None else 1.0) if material is None else material
     part = trimesh.Trimesh(vertices, faces, process=False, validate=False)
     part.visual = TextureVisuals(uv=uv, material=material)
     if colours is not None:
         part.visual.vertex_attributes["color"] = colours
-    if normals is not None:
-        part.metadata["vertex_normals"] = normals
-    if wrap is not None:
-        part.metadata["wrap"] = wrap
-    part.metadata["name"] = name
+    more = {"name": name, "vertex_normals": normals, "wrap": wrap}
+    part.metadata |= {key: value for key, value in more.items() if value is not None}
     return part
 
 
-def material_of(part: trimesh.Trimesh) -> PBRMaterial:
-    """The material of a part that `make_part` made."""
-    return part.visual.material  # type: ignore[union-attr]  # trimesh allows meshes of other kinds of visuals
-
-
 def plain(colour: float = PLAIN, name: str | None = None) -> PBRMaterial:
-    """A rough material of one grey, linear light. `GREY` stands for a texture that can't be used."""
+    """A rough material of one grey, linear light."""
     return PBRMaterial(name=name, baseColorFactor=[colour] * 3 + [1.0], metallicFactor=0.0, roughnessFactor=1.0)
+
+
+def textured(image: Image | None, name: str | None) -> PBRMaterial:
+    """A rough material with a texture; `GREY` for one that can't be used."""
+    material = plain(GREY if image is None else 1.0, name)
+    material.baseColorTexture = image
+    return material
+
+
+def eight_bit(shares: np.ndarray) -> np.ndarray:
+    """Shares of 1 as uint8; NaN as 0."""
+    return np.round(255 * np.clip(np.nan_to_num(shares), 0, 1)).astype(np.uint8)
 
 
 def linear(colours: np.ndarray) -> np.ndarray:
     """Colours (n, 3 or 4) uint8 in sRGB as (n, 4) uint8 in linear light."""
     alpha = colours[:, 3] if colours.shape[1] > 3 else np.full(len(colours), 255, np.uint8)
-    light = np.round(255 * np.clip(srgb_to_linear(colours[:, :3]), 0, 1)).astype(np.uint8)
-    return np.column_stack([light, alpha])
+    return np.column_stack([eight_bit(srgb_to_linear(colours[:, :3])), alpha])
+
+
+def numbers(text: bytes) -> np.ndarray:
+    """Numbers (n,) of a text that are separated by white space. Raises ValueError if one is none."""
+    with warnings.catch_warnings(action="error", category=DeprecationWarning):
+        try:
+            return np.fromstring(text, sep=" ")
+        except DeprecationWarning:
+            raise ValueError("a word in it is not a number") from None
+
+
+def distinct(*columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each distinct row of columns (n,) of non-negative integers first stands (m,), and the number among these
+    of each row (n,): vertices are written once, however many corners are at them."""
+    key = np.asarray(columns[0], dtype=np.int64)
+    for column in columns[1:]:
+        key = np.unique(key, return_inverse=True)[1] * (int(column.max(initial=0)) + 1) + column
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    return first, number
+
+
+def usable_normals(normals: np.ndarray | None) -> np.ndarray | None:
+    """Normals (n, 3) at length 1, or 0 where they have no direction (Blender computes these); None if none has one."""
+    if normals is None or not np.isfinite(normals).all() or not normals.any():
+        return None
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(length > 0, length, 1)

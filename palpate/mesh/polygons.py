@@ -11,13 +11,11 @@ MOST_STARTS = 16  # corners of which a fan is tried: quicker than by ears
 
 
 def triangulate(vertices: np.ndarray, corners: np.ndarray, counts: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of polygons without holes, in their order.
+    """Triangles of polygons without holes, in their order, as (t, 3) places in `corners`, so that other attributes of
+    corners follow, and the polygon (t,) of each; none of polygons of fewer than three corners.
 
-    vertices (n, 3); corners: vertex numbers of all polygons, one after the other; counts (p,): corners of each.
-    Returns (t, 3) places in `corners`, so that other attributes of corners follow, and the polygon (t,) of each
-    triangle. Polygons of fewer than three corners have none. One is a fan from its first corner that sees all others,
-    a convex one from the very first; else ears are cut. Every corner stays a corner of a triangle, so that what
-    is closed stays closed.
+    corners: numbers of vertices (n, 3), polygon by polygon; counts (p,): corners of each. One is a fan from its first
+    corner that sees all others; else ears are cut. Every corner stays one of a triangle: what is closed stays closed.
     """
     counts = np.asarray(counts, dtype=np.int64)
     first = np.cumsum(counts) - counts
@@ -46,17 +44,16 @@ def with_holes(rings: Sequence[np.ndarray]) -> np.ndarray:
     count = len(rings[0])
     flat = _flat(np.concatenate(rings)[None], count)[0]
     numbers = np.split(np.arange(len(flat)), np.cumsum([len(ring) for ring in rings])[:-1])
-    numbers = [ring[::-1] if k and _area(flat[ring]) > 0 else ring for k, ring in enumerate(numbers)]
+    for k, ring in enumerate(numbers[1:], 1):
+        (x, y), (next_x, next_y) = flat[ring].T, np.roll(flat[ring], -1, axis=0).T
+        numbers[k] = ring[::-1] if (x * next_y - next_x * y).sum() > 0 else ring  # it runs counter-clockwise
     made = manifold3d.triangulate([flat[ring] for ring in numbers])
     return np.concatenate(numbers)[np.asarray(made, dtype=np.int64).reshape(-1, 3)]
 
 
 def strip_triangles(corners: np.ndarray, counts: ArrayLike, fan: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of strips or fans, as of `triangulate`: places (t, 3) in `corners`, and the strip (t,) of each.
-
-    A corner -1 ends a strip, and the next begins after it. Triangles that name a vertex twice only join strips: they
-    are left out.
-    """
+    """Triangles of strips or fans, as of `triangulate`: places (t, 3) in `corners`, and the strip (t,) of each. A
+    corner -1 ends a strip. Triangles that name a vertex twice only join strips: they are left out."""
     corners, counts = np.asarray(corners, dtype=np.int64), np.asarray(counts, dtype=np.int64)
     owner = np.repeat(np.arange(len(counts)), counts)
     place, begins = np.arange(len(corners)), np.diff(owner, prepend=-1) > 0
@@ -100,9 +97,3 @@ def _normal(polygons: np.ndarray) -> np.ndarray:
     corner = corner / np.maximum(np.abs(corner).max(axis=(1, 2), initial=0), 1e-300)[:, None, None]
     normal = np.cross(corner, np.roll(corner, -1, axis=1)).sum(axis=1)
     return normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-
-
-def _area(ring: np.ndarray) -> float:
-    """Signed area of a ring (n, 2), positive if it runs counter-clockwise."""
-    following = np.roll(ring, -1, axis=0)
-    return (ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0]).sum() / 2

@@ -17,31 +17,23 @@ VISIBILITY_MARGIN = 0.05  # share of the rays by which more escape from an open 
 
 
 class Repaired(NamedTuple):
-    """Result for f source faces: `vertices` (m, 3) merged, `faces` (f, 3) into them, in final winding;
-    `keep` and `flip` (f,) bool: which source faces stay, and which were turned."""
+    """Result for f source faces."""
 
-    vertices: np.ndarray
-    faces: np.ndarray
-    keep: np.ndarray
-    flip: np.ndarray
+    vertices: np.ndarray  # (m, 3) merged
+    faces: np.ndarray  # (f, 3) into them, in final winding
+    keep: np.ndarray  # (f,) bool: which source faces stay
+    flip: np.ndarray  # (f,) bool: which were turned
     counts: dict[str, int]
 
 
 def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaired:
-    """Merge vertices, find faces to drop and faces to turn.
-
-    vertices (n, 3); faces (f, 3); part (f,): the number of the part (material, object) each face belongs to.
-    A part's closed shells keep their vertices for themselves, so that solids which merely touch stay solids. Of faces
-    with the same three vertices one is kept: the first that faces as the repaired surface does, else the first.
-    """
-    used = np.zeros(len(vertices), dtype=bool)
-    used[faces] = True
-    low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
-    tolerance = float(TOLERANCE * np.linalg.norm(high - low))
-
+    """Merge vertices (n, 3), find faces (f, 3) to drop and faces to turn; part (f,): the number of each face's part. A
+    part's closed shells keep their vertices for themselves, so that solids which merely touch stay solids. Of faces
+    with the same three vertices one is kept: the first that faces as the repaired surface does, else the first."""
+    used = np.unique(faces)
+    tolerance = float(TOLERANCE * np.linalg.norm(np.ptp(vertices[used], axis=0)))
     merged, first, behind = _weld(vertices, faces, part, tolerance)
-    corners = vertices[first]
-    flat = _collapsed(merged)
+    corners, flat = vertices[first], _collapsed(merged)
     keep = ~flat & ~behind
     doubled = _doubled(vertices, faces, merged, keep, tolerance)
     keep &= ~doubled
@@ -54,8 +46,8 @@ def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaire
     keep[inner], keep[outer], flip[inner] = False, True, False
     merged = np.where(flip[:, None], merged[:, ::-1], merged)
     counts = {
-        "stray_vertices_removed": int((~used).sum()),
-        "vertices_merged": int(used.sum()) - len(first),
+        "stray_vertices_removed": len(vertices) - len(used),
+        "vertices_merged": len(used) - len(first),
         "duplicate_faces_removed": int((doubled | behind).sum()),
         "zero_area_faces_removed": int(flat.sum() + thin.sum()),
         "faces_turned": int(flip.sum()),
@@ -66,8 +58,7 @@ def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaire
 def _weld(
     vertices: np.ndarray, faces: np.ndarray, part: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces (f, 3) in merged vertices, the source vertex (m,) that each merged one stands for, and faces (f,) bool of
-    shells that are the backs of others."""
+    """Faces (f, 3) in merged vertices, the source vertex (m,) of each, and faces (f,) bool of shells' backs."""
     corner = faces.ravel()
     low = vertices[corner].min(axis=0)
     # Within the bounding box there are at most 1 / TOLERANCE = 2^20 cells an axis: three fit into 63 bits.
@@ -95,9 +86,7 @@ def _weld(
 def _backs(triangles: np.ndarray, place: np.ndarray, shell: np.ndarray, closed: np.ndarray) -> np.ndarray:
     """Closed shells (s,) bool that are where another is, for their backs' sake: of two the one that is inside out, of
     equal ones the later. Their corners are at the same places and their areas equal, however they are triangulated.
-
-    triangles (f, 3, 3): corners of the faces; place (f, 3): the same, by number.
-    """
+    triangles (f, 3, 3): corners of the faces; place (f, 3): the same, by number."""
     area = np.bincount(shell, np.linalg.norm(topology.cross(triangles), axis=1))
     volume = np.bincount(shell, np.einsum("ij,ij->i", triangles[:, 0] - triangles[0, 0], topology.cross(triangles)))
     size = int(place.max()) + 1
@@ -116,8 +105,7 @@ def _backs(triangles: np.ndarray, place: np.ndarray, shell: np.ndarray, closed: 
 
 
 def _shared(place: np.ndarray, shell: np.ndarray, closed: np.ndarray, back: np.ndarray) -> np.ndarray:
-    """Shells (s,) bool with a face where a shell has one that is open if they are closed, or closed if they are open:
-    one of the two faces is to go, so they are to be merged."""
+    """Closed shells (s,) bool with a face where an open one has one, and such open ones: they are to be merged."""
     order = np.lexsort(np.sort(place, axis=1).T)
     order = order[~back[shell[order]]]
     triple = np.sort(place, axis=1)[order]
@@ -136,10 +124,8 @@ def _collapsed(faces: np.ndarray) -> np.ndarray:
 def _doubled(
     vertices: np.ndarray, faces: np.ndarray, merged: np.ndarray, among: np.ndarray, tolerance: float
 ) -> np.ndarray:
-    """Faces (f,) bool to drop of those `among` that have the same three merged vertices, in any order.
-
-    Of each set all but the earliest; and that too if the set is a fold without which its shell has no border.
-    """
+    """Faces (f,) bool to drop of those `among` that have the same three merged vertices, in any order: of each set all
+    but the earliest; and that too if the set is a fold without which its shell has no border."""
     index = np.flatnonzero(among)
     corners = np.sort(merged[index], axis=1)
     order = np.lexsort(corners.T)  # stable: of equal faces the earliest comes first
@@ -165,8 +151,7 @@ def _doubled(
 
 
 def _outsides(merged: np.ndarray, turned: np.ndarray, doubled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Faces among those that were turned to which one of the doubled is opposite, and the first of these: it has been
-    facing out."""
+    """Turned faces to which one of the doubled is opposite, and the first of these: it has been facing out."""
     rows = np.r_[merged[turned][:, ::-1], merged[doubled]]
     from_least = (rows.argmin(axis=1)[:, None] + np.arange(3)) % 3
     row = np.unique(np.take_along_axis(rows, from_least, axis=1), axis=0, return_inverse=True)[1].ravel()
@@ -175,8 +160,7 @@ def _outsides(merged: np.ndarray, turned: np.ndarray, doubled: np.ndarray) -> tu
 
 
 def _folded(vertices: np.ndarray, faces: np.ndarray, merged: np.ndarray, tolerance: float) -> np.ndarray:
-    """Which pairs of faces (k, 2, 3) are two sides of a sliver that welding joined: they run opposite ways around the
-    same merged vertices (k, 2, 3), and are apart in the source."""
+    """Pairs of faces (k, 2, 3), sides of a welded sliver: opposite ways around merged vertices, apart before."""
     a, b, c = np.moveaxis(merged, 2, 0)
     way = (a > b) ^ (b > c) ^ (a > c)
     order = np.argsort(merged, axis=2, kind="stable")
@@ -220,10 +204,8 @@ def _turned(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _inside_out(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray, closed: np.ndarray) -> np.ndarray:
-    """Closed patches (p,) bool to turn: those whose outermost enclosing closed patch has negative volume.
-
-    A void inside a solid then still faces its hollow; a solid that is inside out is turned with all in it.
-    """
+    """Closed patches (p,) bool to turn: those whose outermost enclosing closed patch has negative volume. A void inside
+    a solid then still faces its hollow; a solid that is inside out is turned with all in it."""
     origin = vertices.mean(axis=0)
     corner = vertices[faces] - origin
     volume = np.bincount(patch, weights=np.einsum("ij,ij->i", corner[:, 0], topology.cross(corner)))
@@ -248,11 +230,9 @@ def _inside_out(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray, clos
 
 
 def _seen_from_behind(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """Patches (p,) bool among the candidates whose back can be seen from outside more than their front.
-
-    From the centres of up to 16 faces of each patch, 8 rays a side: outside is where more rays escape from the object
-    (the idea of Takayama et al. 2014, A Simple Method for Correcting Facet Orientations).
-    """
+    """Patches (p,) bool among the candidates whose back can be seen from outside more than their front: there more of
+    8 rays a side, from the centres of up to 16 faces of each patch, escape from the object (the idea of Takayama et al.
+    2014, A Simple Method for Correcting Facet Orientations)."""
     index = np.flatnonzero(candidates[patch])
     index = index[np.argsort(patch[index], kind="stable")]
     start = np.r_[0, np.flatnonzero(np.diff(patch[index])) + 1]
@@ -269,8 +249,7 @@ def _seen_from_behind(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray
     for side in (normal, -normal):
         tangent = np.cross(side, np.eye(3)[np.abs(side).argmin(axis=1)])
         tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-300)[:, None]
-        other = np.cross(side, tangent)
-        free = np.zeros(len(chosen))
+        other, free = np.cross(side, tangent), np.zeros(len(chosen))
         for k in range(8):
             turn, tilt = 2 * np.pi * k / 8, np.deg2rad((15, 40, 65, 80)[k % 4])
             direction = np.cos(tilt) * side + np.sin(tilt) * (np.cos(turn) * tangent + np.sin(turn) * other)

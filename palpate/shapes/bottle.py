@@ -1,7 +1,4 @@
-"""Bottles: one body of any profile and cross-section, reliefs, a top, handles and labels.
-
-Metres; the bottle stands on z = 0 around the z axis.
-"""
+"""Bottles that stand on z = 0 around the z axis: a body of any cross-section, reliefs, a top, handles and labels."""
 
 from types import SimpleNamespace
 
@@ -10,10 +7,7 @@ from manifold3d import Manifold
 from numpy.random import Generator
 from scipy.interpolate import PchipInterpolator
 
-from palpate.shapes.assembly import Part
-from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, across, around, choose, label
-from palpate.shapes.parameters import read
+from palpate.shapes.materials import Material, Part, across, around, choose, label
 from palpate.shapes.solids import (
     arctan2,
     bent_bar,
@@ -33,8 +27,6 @@ AXES = (2, 1)
 PLAIN, RIBBED = (240, 60), (150, 104)
 WIDEST = 0.32  # radius over height of a body that has handles
 PAPER = 0.0005  # m that a label stands off the body
-
-PARAMETERS, STYLES = read("bottle", form(twist=8, warp=0.02, lean=0.05))
 
 
 def build(p: SimpleNamespace, rng: Generator) -> list[Part]:

@@ -13,10 +13,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from palpate.camera import rotation_about
-from palpate.shapes.assembly import Part
-from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, choose, interface
-from palpate.shapes.parameters import read
+from palpate.shapes.materials import Material, Part, choose, interface
 from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, union
 
 AXES = (2, 0)
@@ -24,8 +21,6 @@ GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
 Size = tuple[float, float, float]  # thickness, width and height, m
 PROUD, DEEP = 0.0002, 0.0012  # m that glass and keys stand off the shell, and are let into it
-
-PARAMETERS, STYLES = read("cellphone", form(stretch=0.12, taper=0.03, bend=9, warp=0.012, twist=2))
 
 
 def build(p: SimpleNamespace, rng: Generator) -> list[Part]:

@@ -1,61 +1,79 @@
-"""The procedural classes; objects by class and index, as scenes and as files: GLB, or OBJ with MTL and textures."""
+"""The procedural classes; objects by class and index, as scenes and as files: GLB, or OBJ with MTL and textures.
+
+Solids with materials become closed, textured meshes of a bounded number of faces, smoothly deformed as a whole: closed
+solids stay closed, and bounds of the parameters keep neighbours in their order.
+"""
 
 import re
-from functools import partial
+from collections.abc import Iterable
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import trimesh
+from manifold3d import Manifold
+from scipy.spatial import cKDTree
 from trimesh.exchange.obj import export_obj
+from trimesh.visual import TextureVisuals
 
 from palpate.shapes import CLASSES, bottle, cellphone, knife, rifle, suffix
-from palpate.shapes.assembly import assemble
-from palpate.shapes.deformation import deformed
-from palpate.shapes.parameters import draw, style_and_rng
+from palpate.shapes.materials import Part
+from palpate.shapes.parameters import draw, read, style_and_rng
+from palpate.shapes.solids import union
 
-# A module has PARAMETERS, STYLES, AXES (the long one, that towards which objects bend) and build(parameters, rng).
+# A module has AXES (the long one, that towards which objects bend) and build(parameters, rng).
 FAMILIES = dict(zip(CLASSES, (bottle, knife, cellphone, rifle), strict=True))
+# Faces of one object: a facet is a few millimetres of a touch sensor's 16 mm, at the size that the sensor touches.
+FEWEST_FACES, MOST_FACES = 5_000, 50_000
+# Solids are simplified to so many; what is left is for the facets that deformation bends.
+SIMPLIFIED_FACES = 46_000
+# Longest edge over the object's diagonal, and what it is multiplied by where faces are too few or too many.
+EDGE, SHORTER, LONGER = 0.05, 0.7, 1.5
+# Over the diagonal. Vertices nearer than this to a simpler surface go: CSG leaves slivers where surfaces almost meet.
+SLIVER = 3e-6
+# Metres. Vertices as near as this may become equal in a file; then they are moved this far into the solid.
+TOUCH, GAP = 5e-7, 1e-5
+# Waves of the smooth random warp, and the most periods of one across the object's box.
+WAVES, PERIODS = 4, 0.8
 
 
 def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
-    """Build object `index` of a class: a scene of closed meshes, one a material, of 5,000 to 50,000 faces.
-
-    Metres, z up, poses as in the package's docstring. The same arguments give the same object. Raises
-    ValueError for an unknown class or a negative index.
-    """
+    """Build object `index` of a class: a scene of closed meshes, one a material, of 5,000 to 50,000 faces; metres, z
+    up. The same arguments give the same object. Raises ValueError for an unknown class or a negative index."""
     name, rng = style_and_rng(class_name, index, seed)
-    family = FAMILIES[class_name]
-    p = draw(rng, name, family.PARAMETERS, family.STYLES)
+    family, p = FAMILIES[class_name], draw(rng, name, **read(class_name))
     waves = int(rng.integers(2**32))
-    return assemble(
-        family.build(p, rng), partial(deformed, p=p, long_axis=family.AXES[0], bend_axis=family.AXES[1], seed=waves)
-    )
+    by_material: dict[str, list[Part]] = {}  # in the order in which they first appear
+    for part in family.build(p, rng):
+        by_material.setdefault(part.material.name, []).append(part)
+    solids = bounded_faces({name: union(part.solid for part in group) for name, group in by_material.items()})
+    bounds, scene = bounds_of(solids.values()), trimesh.Scene()
+    for material, solid in solids.items():
+        raw, part = solid.to_mesh64(), by_material[material][0]
+        faces, vertices = np.asarray(raw.tri_verts, dtype=np.int64), np.asarray(raw.vert_properties)[:, :3]
+        uv = part.uv(vertices) if part.material.picture else np.zeros((len(vertices), 2))
+        visual = TextureVisuals(uv=uv, material=part.material.to_pbr())
+        moved = apart(deformed(vertices, bounds, p, family.AXES, waves), faces)
+        mesh = trimesh.Trimesh(moved, faces, visual=visual, process=False)
+        scene.add_geometry(mesh, node_name=material, geom_name=material)
+    return scene
 
 
 def write(class_name: str, index: int, path: Path | str, seed: int = 0) -> Path:
-    """Write object `index` of a class and return the path of its mesh file.
-
-    path: with suffix .glb or .obj; without a suffix, `suffix(index)` chooses. An OBJ has its MTL and
-    its textures beside it, their names beginning with the file's stem. Equal arguments give equal bytes.
-    """
+    """Write object `index` of a class and return its path: .glb or .obj, by default as `suffix` chooses."""
     path = Path(path)
     if not path.suffix:
         path = path.with_name(path.name + suffix(index))
-    scene = make(class_name, index, seed)
+    if path.suffix not in (".glb", ".obj"):
+        raise ValueError(f"{path}: procedural objects are written as .glb or .obj")
+    scene, also = make(class_name, index, seed), {}
     if path.suffix == ".glb":
         path.write_bytes(scene.export(file_type="glb"))
-    elif path.suffix == ".obj":
-        write_obj(scene, path)
-    else:
-        raise ValueError(f"{path}: procedural objects are written as .glb or .obj")
-    return path
-
-
-def write_obj(scene: trimesh.Scene, path: Path) -> None:
-    """Write a scene as OBJ, with MTL and textures named after it; `Pm` and `Pr` keep what trimesh does not write."""
-    also = {}
+        return path
     for mesh in scene.geometry.values():
         material = mesh.visual.material
         material.name = f"{path.stem}-{material.name}"
+        # What trimesh does not write.
         also[material.name] = f"\nPm {material.metallicFactor:g}\nPr {material.roughnessFactor:g}".encode()
     options = {"include_normals": False, "return_texture": True, "mtl_name": f"{path.stem}.mtl", "header": None}
     text, files = export_obj(scene, **options)
@@ -64,3 +82,77 @@ def write_obj(scene: trimesh.Scene, path: Path) -> None:
             data = re.sub(rb"(?m)^newmtl (.+)$", lambda line: line[0] + also[line[1].decode()], data)
         (path.parent / name).write_bytes(data)
     path.write_text(text)
+    return path
+
+
+def bounds_of(solids: Iterable[Manifold]) -> np.ndarray:
+    """Lowest and highest corner (2, 3) of all solids."""
+    boxes = np.array([solid.bounding_box() for solid in solids])
+    return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+
+
+def apart(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Vertices (n, 3), those that touch another moved inwards by `GAP`: solids that touch along an edge are closed, but
+    a loader merges equal vertices, and an edge of four faces is closed no more."""
+    pairs = cKDTree(vertices).query_pairs(TOUCH, output_type="ndarray")
+    if len(pairs) == 0:
+        return vertices
+    # Of k vertices at one point the first stays, the next moves once, the next twice.
+    moves = np.bincount(pairs.max(axis=1), minlength=len(vertices))
+    normals = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+    return vertices - GAP * moves[:, None] * normals
+
+
+def bounded_faces(solids: dict[str, Manifold]) -> dict[str, Manifold]:
+    """Simplify where there are too many faces, then cut long edges, so that facets can bend."""
+
+    def count(solids: dict[str, Manifold]) -> int:
+        return sum(solid.num_tri() for solid in solids.values())
+
+    diagonal = float(np.linalg.norm(np.diff(bounds_of(solids.values()), axis=0)))
+    tolerance = SLIVER * diagonal
+    simple = {name: solid.simplify(tolerance) for name, solid in solids.items()}
+    while count(simple) > SIMPLIFIED_FACES:
+        tolerance *= 2
+        simple = {name: solid.simplify(tolerance) for name, solid in simple.items()}
+    edge = EDGE * diagonal
+    refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
+    for too_few in (True, False):
+        while count(refined) < FEWEST_FACES if too_few else count(refined) > MOST_FACES:
+            edge *= SHORTER if too_few else LONGER
+            refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
+    return refined
+
+
+def deformed(
+    vertices: np.ndarray, bounds: np.ndarray, p: SimpleNamespace, axes: tuple[int, int], seed: int
+) -> np.ndarray:
+    """Vertices (n, 3), moved. bounds: (2, 3) of the whole object; p: has the parameters of the group `form`; axes: of
+    0, 1, 2 the one from end to end, and that towards which it bends; seed: of phases and directions of the waves."""
+    rng, (long_axis, bend_axis) = np.random.default_rng(seed), axes
+    low, extent = bounds[0], np.maximum(bounds[1] - bounds[0], 1e-9)
+    unit = (vertices - low) / extent
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    stretch = np.array([p.stretch_x, p.stretch_y, p.stretch_z])
+    unit = unit + stretch / (2 * np.pi) * (np.sin(2 * np.pi * unit + phase) - np.sin(phase))
+    waves = rng.uniform(-PERIODS, PERIODS, (WAVES, 3)), rng.uniform(0, 2 * np.pi, WAVES), rng.normal(size=(WAVES, 3))
+    warp = np.sin(2 * np.pi * unit @ waves[0].T + waves[1]) @ waves[2]
+    # The end at the bottom of a long axis z stays flat: that axis does not move by the waves.
+    warp[:, long_axis] = 0
+    unit = unit + p.warp * warp / np.abs(waves[2]).sum(axis=0)
+    side_axis = 3 - long_axis - bend_axis
+    place, middle = low + unit * extent, low + extent / 2
+    along, across, aside = (place[:, axis] - middle[axis] for axis in (*axes, side_axis))
+    length = extent[long_axis]
+    share = along / length
+    across, aside = across * (1 + 2 * (p.taper + p.flare) * share), aside * (1 + 2 * p.taper * share)
+    angle = np.radians(p.twist) * share
+    across, aside = across * np.cos(angle) - aside * np.sin(angle), across * np.sin(angle) + aside * np.cos(angle)
+    if abs(p.bend) > 0.1:
+        turn = np.radians(p.bend)
+        radius = length / turn
+        along, across = (radius - across) * np.sin(turn * share), radius - (radius - across) * np.cos(turn * share)
+    across = across + p.lean * length * (share + 0.5) ** 2
+    result = np.empty_like(vertices)
+    result[:, [*axes, side_axis]] = np.column_stack([along, across, aside])
+    return result + middle

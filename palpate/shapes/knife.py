@@ -13,10 +13,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from palpate.shapes.assembly import Part
-from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, choose
-from palpate.shapes.parameters import read
+from palpate.shapes.materials import Material, Part, choose
 from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, loft, prism, rod, superellipse, sweep, union
 
 AXES = (1, 2)
@@ -25,8 +22,6 @@ EDGE = 0.0004
 POINT = 0.0012  # m, height of a blade at its very tip
 STATIONS = 90  # along a blade
 Line = Callable[[ArrayLike], np.ndarray]  # heights z at shares of a length
-
-PARAMETERS, STYLES = read("knife", form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04))
 
 
 def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
@@ -98,11 +93,8 @@ def blade(p: SimpleNamespace) -> Manifold:
 def ground(
     y: np.ndarray, spine: np.ndarray, edge: np.ndarray, thickness: np.ndarray, bevel: float = 0.5, double: bool = False
 ) -> Manifold:
-    """A blade along y.
-
-    y, spine, edge: (k,) positions, heights z of the back and of the edge; thickness: (k,) at the back; bevel: share
-    of the height that is ground to the edge; double: ground to both sides (a dagger).
-    """
+    """A blade along y. y, spine, edge: (k,) positions, heights z of the back and of the edge; thickness: (k,) at the
+    back; bevel: share of the height that is ground to the edge; double: ground to both sides (a dagger)."""
     # Where back and edge would meet or cross, the back stays above.
     height = np.maximum(spine - edge, POINT)
     thickness = np.minimum(thickness, height)

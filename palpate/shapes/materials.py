@@ -1,10 +1,11 @@
-"""Colours and pictures of the procedural objects."""
+"""Parts of the procedural objects: solids with colours and pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from manifold3d import Manifold
 from numpy.random import Generator
 from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.material import PBRMaterial
@@ -14,12 +15,12 @@ from palpate.shapes.solids import arctan2
 from palpate.vision.image import linear
 
 PALETTES = read_yaml(Path(__file__).with_name("palettes.yaml"))
+LABEL = PALETTES.pop("label")
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A physically based material: sRGB colour (3,) 0-255, metallic and roughness 0-1, and a picture instead of the
-    colour."""
+    """A material: sRGB colour (3,) 0-255, metallic and roughness 0-1, and a picture instead of the colour."""
 
     name: str
     colour: tuple[int, ...]
@@ -57,12 +58,9 @@ def choose(
     name = names[rng.integers(len(names))]
     colour = np.array(colours[name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
     material = Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
-    return grained(material, rng) if palette == "wood" else material
-
-
-def grained(base: Material, rng: Generator) -> Material:
-    """A material with the grain of wood as its picture, along the picture's width."""
-    height, width = 96, 384
+    if palette != "wood":
+        return material
+    height, width = 96, 384  # of a picture with the grain along its width
     v, u = np.mgrid[0:height, 0:width] / [[[height]], [[width]]]
     waves = sum(
         rng.uniform(0.2, 1) * np.sin(2 * np.pi * (k * u + rng.uniform(-2, 2) * v) + rng.uniform(0, 6))
@@ -70,20 +68,14 @@ def grained(base: Material, rng: Generator) -> Material:
     )
     rings = np.sin(2 * np.pi * (rng.uniform(5, 11) * v + 0.25 * waves))
     fibre = rng.normal(size=(height, 1)) * 0.25 + rng.normal(size=(height, width // 32)).repeat(32, axis=1) * 0.15
-    pixels = np.array(base.colour) * (1 + 0.14 * rings + 0.12 * fibre)[..., None]
-    pixels = np.clip(pixels, 0, 255).astype(np.uint8)
-    return replace(base, picture=Image.fromarray(pixels))
-
-
-BRANDS = ("AURELIA", "Northfell", "Casa Luma", "BRIO", "Old Mill", "Verde", "KELPIE", "Solstice", "Tarn & Co")
-GOODS = ("finest quality", "No. 7", "since 1894", "500 ml", "natural", "extra dry", "pure spring", "home made")
+    pixels = np.array(material.colour) * (1 + 0.14 * rings + 0.12 * fibre)[..., None]
+    return replace(material, picture=Image.fromarray(np.clip(pixels, 0, 255).astype(np.uint8)))
 
 
 def label(rng: Generator) -> Material:
     """A printed label: ground, frame, emblem, two lines of text."""
     width, height = 320, 200
-    paper = [(238, 232, 214), (246, 246, 244), (30, 40, 60), (150, 24, 30), (24, 92, 60), (230, 190, 60)]
-    ground = paper[rng.integers(len(paper))]
+    ground = tuple(LABEL["papers"][rng.integers(len(LABEL["papers"]))])
     ink = (30, 26, 24) if sum(ground) > 400 else (240, 226, 180)
     accent = tuple(int(c) for c in rng.integers(30, 220, 3))
     picture = Image.new("RGB", (width, height), ground)
@@ -99,7 +91,7 @@ def label(rng: Generator) -> Material:
         draw.polygon([(x, y - r), (x + r, y + r), (x - r, y + r)], fill=accent, outline=ink)
     else:
         draw.rectangle((x - 2 * r, y - r // 2, x + 2 * r, y + r // 2), fill=accent, outline=ink, width=3)
-    brand, goods = BRANDS[rng.integers(len(BRANDS))], GOODS[rng.integers(len(GOODS))]
+    brand, goods = (LABEL[key][rng.integers(len(LABEL[key]))] for key in ("brands", "goods"))
     draw.text((x, 114), brand, ink, ImageFont.load_default(44), anchor="mm")
     draw.text((x, 180), goods, ink, ImageFont.load_default(20), anchor="mm")
     return Material("label", ground, 0.0, 0.6, picture)
@@ -107,8 +99,7 @@ def label(rng: Generator) -> Material:
 
 def interface(rng: Generator, aspect: float, old: bool = False) -> Material:
     """A lit phone screen; aspect = height / width. `old`: a small, flat-coloured menu of a feature phone."""
-    width = 180
-    height = int(width * aspect)
+    width, height = 180, int(180 * aspect)
     top, bottom = rng.integers(20, 235, 3), rng.integers(20, 235, 3)
     mix = np.linspace(0, 1, height)[:, None, None]
     pixels = np.broadcast_to((1 - mix) * top + mix * bottom, (height, width, 3))
@@ -146,3 +137,12 @@ def around(vertices: np.ndarray) -> np.ndarray:
     flat = np.stack([angle, vertices[:, 2]], axis=1)
     low, high = flat.min(axis=0), flat.max(axis=0)
     return (flat - low) / np.maximum(high - low, 1e-9)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A closed solid of one material. `uv` maps vertices (n, 3) to texture coordinates (n, 2); default: `across`."""
+
+    solid: Manifold
+    material: Material
+    uv: Callable[[np.ndarray], np.ndarray] = across

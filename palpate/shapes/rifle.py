@@ -12,17 +12,12 @@ from manifold3d import Manifold
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from palpate.shapes.assembly import Part
-from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, choose
-from palpate.shapes.parameters import read
+from palpate.shapes.materials import Material, Part, choose
 from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, prism, rod, superellipse, sweep, turned, union
 
 AXES = (1, 2)
 OPTIC = Material("optic", (24, 24, 28), 0.4, 0.35)
 GLASS = Material("optic-glass", (60, 90, 140), 0.3, 0.05)
-
-PARAMETERS, STYLES = read("rifle", form(stretch=0.15))
 
 
 def build(p: SimpleNamespace, rng: Generator) -> list[Part]:

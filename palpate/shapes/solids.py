@@ -25,11 +25,8 @@ def arc_points(turn: float, radius: float) -> int:
 
 
 def filleted(points: ArrayLike, radii: ArrayLike, closed: bool = False) -> np.ndarray:
-    """A polyline (n, 2) or (n, 3) with its corners rounded by tangent arcs; the ends of an open one stay.
-
-    points: (k, 2) or (k, 3), the last row not a copy of the first; radii: (k,) or one for all, 0 keeps a corner sharp.
-    Where an arc does not fit, it takes up to 49 % of the shorter neighbouring segment.
-    """
+    """A polyline (n, 2) or (n, 3) with its corners rounded by tangent arcs of radii (k,), or one; 0 keeps a corner.
+    The ends of an open one stay. Where an arc does not fit, it takes up to 49 % of the shorter neighbouring segment."""
     points = np.asarray(points, dtype=float)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), len(points))
     result = []
@@ -74,11 +71,8 @@ def counter_clockwise(polygon: np.ndarray) -> np.ndarray:
 
 
 def loft(rings: np.ndarray) -> Manifold:
-    """Skin over cross-sections.
-
-    rings: (k, m, 3), k closed rings of m points each, corresponding points joined; the first and the last are closed by
-    a fan around their mean. Raises ValueError where this is not a closed solid.
-    """
+    """Skin over k closed rings (k, m, 3) of m points each, corresponding points joined; the first and the last are
+    closed by a fan around their mean. Raises ValueError where this is not a closed solid."""
     count, around, _ = rings.shape
     here, there = np.arange(around), np.roll(np.arange(around), -1)
     vertices = np.concatenate([rings.reshape(-1, 3), [rings[0].mean(0), rings[-1].mean(0)]])
@@ -91,8 +85,7 @@ def loft(rings: np.ndarray) -> Manifold:
 def wall(count: int, around: int) -> np.ndarray:
     """Faces between `count` rings of `around` vertices each, numbered ring by ring."""
     index = np.arange(count * around).reshape(count, around)
-    a, b = index[:-1], np.roll(index, -1, axis=1)[:-1]
-    c, d = index[1:], np.roll(index, -1, axis=1)[1:]
+    (a, c), (b, d) = ((each[:-1], each[1:]) for each in (index, np.roll(index, -1, axis=1)))
     return np.concatenate([np.stack([b, a, d], -1).reshape(-1, 3), np.stack([d, a, c], -1).reshape(-1, 3)])
 
 
@@ -119,10 +112,8 @@ def superellipse(width: float, height: float, exponent: float = 2.0, count: int 
 def slab(
     size: tuple[float, float, float], corner: float, fillet: float, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Manifold:
-    """A plate standing in the y-z plane: size = (thickness along x, width along y, height along z).
-
-    corner: radius of its outline, at least `fillet`, that of the rim around front and back.
-    """
+    """A plate standing in the y-z plane: size = (thickness along x, width along y, height along z); corner: radius of
+    its outline, at least `fillet`, that of the rim around front and back."""
     thickness, width, height = size
     fillet = min(fillet, 0.499 * thickness, 0.4 * min(width, height))
     corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * [width / 2, height / 2]
@@ -130,32 +121,25 @@ def slab(
 
 
 def prism(outline: ArrayLike, thickness: float, edge: float = 0.0) -> Manifold:
-    """A plate in the y-z plane, centred on x = 0.
-
-    outline: (k, 2) rows of (y, z); edge: radius that rounds the rim of both faces, smaller than the outline's convex
-    radii and half its narrowest place.
-    """
+    """A plate in the y-z plane, centred on x = 0. outline: (k, 2) rows of (y, z); edge: radius that rounds the rim of
+    both faces, smaller than the outline's convex radii and half its narrowest place."""
     outline = counter_clockwise(np.asarray(outline, dtype=float))
     edge = min(edge, 0.499 * thickness)
     angle = np.linspace(0, np.pi / 2, arc_points(np.pi / 2, edge)) if edge > 0 else np.array([np.pi / 2])
     inset, x = edge * (1 - np.sin(angle)), edge * (1 - np.cos(angle)) - thickness / 2
     inset, x = np.append(inset, inset[::-1]), np.append(x, -x[::-1])
-    planes = outline + inset[:, None, None] * inward_normals(outline)
-    depth = np.broadcast_to(x[:, None, None], (*planes.shape[:2], 1))
-    rings = np.concatenate([depth, planes], axis=2)
-    cap = np.asarray(triangulate([planes[0]]))
-    faces = [wall(len(x), len(outline)), cap, cap[:, ::-1] + (len(x) - 1) * len(outline)]
-    return closed(rings.reshape(-1, 3), np.concatenate(faces))
-
-
-def inward_normals(outline: np.ndarray) -> np.ndarray:
-    """(k, 2) directions that move a counter-clockwise outline (k, 2) inwards by one unit (mitred corners)."""
     edges = np.roll(outline, -1, axis=0) - outline
     normal = np.stack([-edges[:, 1], edges[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     mean = normal + np.roll(normal, 1, axis=0)
     # |mean|^2 = 4 cos^2(half the turn); a mitre is 1 / cos, limited to 2 at spikes.
-    return 2 * mean / np.maximum((mean**2).sum(axis=1, keepdims=True), 1.0)
+    inwards = 2 * mean / np.maximum((mean**2).sum(axis=1, keepdims=True), 1.0)
+    planes = outline + inset[:, None, None] * inwards
+    depth = np.broadcast_to(x[:, None, None], (*planes.shape[:2], 1))
+    rings = np.concatenate([depth, planes], axis=2)
+    cap = np.asarray(triangulate([planes[0]]))
+    faces = [wall(len(x), len(outline)), cap, cap[:, ::-1] + (len(x) - 1) * len(outline)]
+    return closed(rings.reshape(-1, 3), np.concatenate(faces))
 
 
 def bent_bar(path: ArrayLike, fillet: float, width: float, height: float, exponent: float, count: int) -> Manifold:
@@ -164,10 +148,7 @@ def bent_bar(path: ArrayLike, fillet: float, width: float, height: float, expone
 
 
 def sweep(path: ArrayLike, section: np.ndarray, scale: ArrayLike = 1.0, side: ArrayLike = (1.0, 0.0, 0.0)) -> Manifold:
-    """Move a section (m, 2) along a path (k, 3): its first coordinate along `side`, its second across both.
-
-    scale: factors of the section, (k,), (k, 2) or one. The path must not run along `side`.
-    """
+    """Move a section (m, 2) along a path (k, 3), its first coordinate along `side`; scale: (k,), (k, 2) or one."""
     path = np.asarray(path, dtype=float)
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -184,10 +165,7 @@ def sweep(path: ArrayLike, section: np.ndarray, scale: ArrayLike = 1.0, side: Ar
 
 
 def along_y(stations: ArrayLike, exponent: float = 2.6, rings: int = 60, count: int = 40) -> Manifold:
-    """A body whose long axis is y, through stations (k, 4) of (y, lowest z, highest z, width).
-
-    Between stations the values follow monotone cubics (no overshoot); cross-sections are superellipses.
-    """
+    """A body along y, through stations (k, 4) of (y, lowest z, highest z, width), of superellipses."""
     stations = np.asarray(stations, dtype=float)
     y = np.linspace(stations[0, 0], stations[-1, 0], rings)
     low, high, width = PchipInterpolator(stations[:, 0], stations[:, 1:])(y).T
@@ -198,10 +176,7 @@ def along_y(stations: ArrayLike, exponent: float = 2.6, rings: int = 60, count: 
 
 
 def upright(profile: ArrayLike, section: np.ndarray) -> Manifold:
-    """A body along z with a cross-section that is not round.
-
-    profile: (k, 2) rows of (radius, z); section: (m, 2), or (k, m, 2) where it changes, for radius 1.
-    """
+    """A body along z. profile: (k, 2) rows of (radius, z); section: (m, 2) or (k, m, 2), for radius 1."""
     profile, section = np.asarray(profile, dtype=float), np.asarray(section, dtype=float)
     section = np.broadcast_to(section, (len(profile), *section.shape[-2:]))
     flat = section * profile[:, :1, None]

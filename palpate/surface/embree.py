@@ -12,11 +12,10 @@ from palpate.mesh import Mesh
 
 class RayMesh:
     """The faces of a mesh that have an area, in Embree's tree; no ray leaks between two faces that share vertices.
+    Embree's single precision, about 1e-7 of the mesh's size, names the face that is hit; the caller computes where.
 
-    Embree's single precision, about 1e-7 of the mesh's size, names the face that is hit; the caller computes where,
-    from `triangles`: (f, 3, 3) float64, corners of the faces kept, in the mesh's own coordinates. normals: (f, 3)
-    float64, whose length is twice the area. face: (f,) index of each into `mesh.faces`. low, high: (3,) corners of
-    the box around them.
+    triangles: (f, 3, 3) float64, corners of the faces kept, in the mesh's own coordinates. normals: (f, 3) float64,
+    twice as long as the area. face: (f,) index of each into `mesh.faces`. low, high: (3,) corners of the box around.
     """
 
     def __init__(self, mesh: Mesh):
@@ -43,10 +42,8 @@ class RayMesh:
 
     def first_face(self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None) -> np.ndarray:
         """The face that each ray meets first, from either side: (n,) int32 index into `triangles`, -1 for none.
-
         origins: (n, 3) in the mesh's coordinates; directions: (n, 3), or (1, 3) for parallel rays; reach: longest
-        distance, in units of the directions' length.
-        """
+        distance, in units of the directions' length."""
         return self._query(origins, directions, reach, "INTERSECT")
 
     def blocked(self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None) -> np.ndarray:

@@ -26,9 +26,7 @@ def sample(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = D
     """Points (count, 3) float64, in the mesh's frame and in random order, uniform by area on its exterior surface.
 
     Exterior is what a straight line reaches from outside, through openings too; the mesh may be open, non-manifold or
-    flipped. Of candidates on all faces, those that see out are taken.
-
-    Raises ValueError for a mesh without area, or if so little of it is exterior that `count` points can't be found.
+    flipped. Raises ValueError for a mesh without area, or if too little of it is exterior.
     """
     rays = RayMesh(mesh)
     exterior: list[np.ndarray] = []
@@ -56,8 +54,7 @@ def sample(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = D
 
 
 def sees_out(mesh: RayMesh, points: np.ndarray, face: np.ndarray, directions: int = DIRECTIONS) -> np.ndarray:
-    """Whether each point sees infinity from either side of its face in any direction: (n,) bool; the mesh may be
-    open."""
+    """Whether each point sees infinity from either side of its face, in any direction: (n,) bool."""
     normal = mesh.normals[face]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     offset = _OFFSET * (mesh.high - mesh.low).max() * normal

@@ -1,7 +1,6 @@
-"""Images of objects alone and in the hand, with mask and depth, from the paper's camera; Blender renders.
+"""Images of objects alone and in the hand, with mask and depth; Blender renders, and comes with `Renderer`.
 
-Importing this package loads no Blender: `bpy` comes with the first use of `Renderer`. Blender must be imported before
-anything that loads embree, as trimesh does: call `palpate.vision.blender.load()` in a script's first lines.
+It must be imported before what loads embree, as trimesh does: call `palpate.vision.blender.load()` in the first lines.
 """
 
 from palpate.camera import Camera, looking_at, paper_camera

@@ -1,7 +1,4 @@
-"""Geoms of the hand as triangles with smooth normals; edges are rounded, inwards only. Numpy only.
-
-A drawn geom lies inside its closed form: vertices are on its surface with edges rounded, and all is convex.
-"""
+"""Geoms of the hand as triangles with smooth normals; edges are rounded, inwards only. Numpy only."""
 
 import math
 
@@ -22,11 +19,8 @@ Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
 def triangles(
     kind: str, size: ArrayLike, vertices: np.ndarray | None = None, faces: np.ndarray | None = None
 ) -> Triangles:
-    """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame.
-
-    kind and size as in `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a geom of kind mesh; without faces its
-    convex hull is drawn.
-    """
+    """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame; kind and size as in
+    `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a mesh; without faces its convex hull is drawn."""
     size = np.asarray(size, dtype=float)
     if kind == "box":
         return rounded_box(size, bevel(size), EDGE_SEGMENTS)
@@ -40,42 +34,33 @@ def triangles(
         return unit * size, faces, normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if kind == "cylinder":
         return rounded_cylinder(size[0], size[1], bevel(size[:2]), CYLINDER_SECTORS, EDGE_SEGMENTS)
-    if kind == "mesh":
-        return _hull_or_mesh(np.asarray(vertices, dtype=float), np.asarray(faces))
-    raise ValueError(f"can't draw a geom of kind {kind!r}: expected box, sphere, capsule, cylinder, ellipsoid or mesh")
-
-
-def _hull_or_mesh(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
-    """A mesh as it is, or without faces its vertices' convex hull; every face flat, with its own vertices."""
+    if kind != "mesh" or vertices is None or faces is None:
+        kinds = "box, sphere, capsule, cylinder, ellipsoid or mesh"
+        raise ValueError(f"can't draw a geom of kind {kind!r}: expected {kinds}")
     if not len(faces):
         from trimesh.convex import convex_hull
 
-        hull = convex_hull(vertices)
+        hull = convex_hull(np.asarray(vertices, dtype=float))
         vertices, faces = hull.vertices, hull.faces
-    corners = vertices[faces]
+    corners = np.asarray(vertices, dtype=float)[np.asarray(faces)]  # every face flat, with its own vertices
     towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
     return corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), np.repeat(towards, 3, axis=0)
 
 
 def bridges(sizes: np.ndarray, positions: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Boxes (half extents, position) that close the grooves between boxes which touch face to face.
-
-    sizes, positions: (n, 3) of n boxes with parallel axes. A bridge reaches from the middle of one to that of the
-    other, nearly as wide as both: it lies inside them.
-    """
+    """Boxes (half extents, position) that close the grooves between boxes which touch face to face, from the middle of
+    one to that of the other, nearly as wide as both; sizes, positions: (n, 3) of n boxes with parallel axes."""
     made = []
-    for one in range(len(sizes)):
-        for other in range(one):
-            low = np.maximum(positions[one] - sizes[one], positions[other] - sizes[other])
-            high = np.minimum(positions[one] + sizes[one], positions[other] + sizes[other])
-            overlap = high - low
-            touching = np.abs(overlap) < TOUCHING
-            if touching.sum() == 1 and (overlap[~touching] > TOUCHING).all():
-                ends = np.sort([positions[one], positions[other]], axis=0)
-                low = np.where(touching, ends[0], low + RECESS)
-                high = np.where(touching, ends[1], high - RECESS)
-                made.append(((high - low) / 2, (high + low) / 2))
+    for pair in ([one, other] for one in range(len(sizes)) for other in range(one)):
+        low, high = (positions[pair] - sizes[pair]).max(axis=0), (positions[pair] + sizes[pair]).min(axis=0)
+        overlap = high - low
+        touching = np.abs(overlap) < TOUCHING
+        if touching.sum() == 1 and (overlap[~touching] > TOUCHING).all():
+            ends = np.sort(positions[pair], axis=0)
+            low = np.where(touching, ends[0], low + RECESS)
+            high = np.where(touching, ends[1], high - RECESS)
+            made.append(((high - low) / 2, (high + low) / 2))
     return made
 
 
@@ -90,10 +75,8 @@ def sphere(radius: float, segments: int) -> Triangles:
 
 
 def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Triangles:
-    """A box with edges and corners rounded with a radius; `segments` faces from a side to a corner's middle.
-
-    Every side is a grid, dense over the roundings; the surface is the inner box, pushed outwards by the radius.
-    """
+    """A box with edges and corners rounded with a radius; `segments` faces from a side to a corner's middle. Every side
+    is a grid, dense over the roundings; the surface is the inner box, pushed outwards by the radius."""
     inner = np.asarray(half_extents, dtype=float) - radius
     angles = np.linspace(0, np.pi / 4, segments + 1)  # equal, across the rounding
     spread = np.array([math.tan(angle) for angle in angles])

@@ -4,15 +4,10 @@ A picture is two renders of Cycles: the colours, with many samples a pixel and a
 one sample at every pixel's centre, for Cycles takes them from a pixel's first sample, which the filter moves by up to
 0.75 pixels. Blender writes both as EXR files into memory (without a window a `Viewer` node stays empty).
 
-Omitted, because the picture is the same, or within its noise (`studies/omitted/renders.py` compares):
-
-- the object alone is rendered once, whatever the number of grasps, and without the hand
-- the hand's meshes are built once, and only posed for each object and grasp
-- an object's geometry is given to Cycles once, not for each picture
-- pixels outside the rectangle of what is drawn, which show the background
-- all samples but one for mask and depth
-- a file's cameras, lamps, and unused materials
-- light's paths beyond the bounces in `CYCLES`, caustics, and the tree of lights
+Omitted, because the picture is the same, or within its noise (`studies/omitted/renders.py` compares): all but one
+render of the object alone, one build of the hand's meshes and one hand-over of an object's geometry to Cycles; pixels
+outside the rectangle of what is drawn; all samples but one for mask and depth; a file's cameras, lamps, and unused
+materials; light's paths beyond the bounces in `CYCLES`, caustics, and the tree of lights.
 """
 
 import shutil
@@ -73,8 +68,7 @@ class Renderer:
 
     samples: Cycles' samples a pixel for the colours. device: "cpu", "gpu", or "auto": a GPU if Cycles finds one.
     threads: of the CPU. exr: a folder that keeps every image as a multilayer EXR file with 32 bit floats, or None.
-    centres: whether mask and depth are rendered at the pixels' centres; else they are those of Cycles' first sample,
-    which figures, that show colours, do as well with.
+    centres: whether mask and depth are rendered at the pixels' centres, else those of Cycles' first sample are taken.
     Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed. The
     steps of a picture are methods, for `studies/omitted` to replace.
     """
@@ -113,22 +107,21 @@ class Renderer:
         self._camera = _link(self._scene, bpy.data.objects.new("camera", bpy.data.cameras.new("camera")))
         self._scene.camera = self._camera
         self._origin = _link(self._scene, bpy.data.objects.new("origin", None))
-        self._plastic = _coloured_material("plastic", ROUGHNESS)
+        self._plastic = bpy.data.materials.new("plastic")  # a dielectric in the colours of a mesh's attribute
+        self._plastic.use_nodes = True
+        nodes = self._plastic.node_tree.nodes
+        colour, surface = nodes.new("ShaderNodeAttribute"), nodes["Principled BSDF"].inputs
+        colour.attribute_name, surface["Roughness"].default_value = "colour", ROUGHNESS
+        self._plastic.node_tree.links.new(colour.outputs["Color"], surface["Base Color"])
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
-        """The object of a scene alone, and with the hand in each of its g grasps, over the scene's background.
-
-        Raises what `render_cameras` raises.
-        """
+        """The object of a scene alone, and with the hand in each of its g grasps, as `render_cameras`."""
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """The images that `render` gives, from each of the cameras instead of the scene's own.
-
-        EXR files are named after the object, and the number of the camera if it is not the first. Raises UnusableObject
-        if the object's file can't be read or holds no triangles, or if an image of the object alone doesn't show it;
-        the next scene renders all the same.
-        """
+        """The images that `render` gives, from each of the cameras; EXR files are named after the object and the
+        camera. Raises UnusableObject if the object's file can't be read or holds no triangles, or if an image of the
+        object alone doesn't show it; the next scene renders all the same."""
         self._take_hand(scene.hand)
         grasps = range(len(scene.link_pose))
         shots = [(replace(scene, camera=camera), f"-camera-{k}" if k else "") for k, camera in enumerate(cameras)]
@@ -139,9 +132,8 @@ class Renderer:
             for shot, suffix in shots:
                 unoccluded.append(self.draw_unoccluded(shot, points, suffix))
                 if not unoccluded[-1].image(None).mask.any():
-                    size = shot.camera.size
                     raise UnusableObject(
-                        f"{scene.visual_file}: no pixel of {size} x {size} shows the object"
+                        f"{scene.visual_file}: no pixel of {shot.camera.size} x {shot.camera.size} shows the object"
                         f"{suffix.replace('-', ' ')}: make its materials less transparent, or the object thicker"
                     )
             occluded = [[self.draw_occluded(shot, points, grasp, suffix) for grasp in grasps] for shot, suffix in shots]
@@ -161,11 +153,8 @@ class Renderer:
         return self.draw(scene.camera, points, f"{scene.name}-grasp-{grasp}{suffix}")
 
     def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
-        """The object of a scene alone over white, from each of the cameras instead of its own.
-
-        The file is read once. The lamps go with the camera, so that no view shows the dark side. Raises
-        UnusableObject if the file can't be read or holds no triangles.
-        """
+        """The object of a scene alone over white, from each of the cameras instead of its own. The lamps go with the
+        camera, so that no view shows the dark side. Raises UnusableObject as `render_cameras` for the file."""
         self._take_hand(None)
         with self._temporary_data():
             lamps = self._light(scene.lights, scene.object_position)
@@ -184,11 +173,8 @@ class Renderer:
         camera: Camera | None = None,
         background: tuple[float, float, float] | None = WHITE,
     ) -> Image:
-        """Meshes and a hand from any viewpoint, for figures; the mask has all but the hand. Files: `render`.
-
-        link_pose: (L, 4, 4) of the hand's links, if there is one. camera: default, the paper's. background: linear RGB;
-        None is transparent.
-        """
+        """Meshes and a hand from any viewpoint, for figures; the mask has all but the hand. link_pose: (L, 4, 4) of the
+        hand's links. camera: default, the paper's. background: linear RGB; None is transparent."""
         self._take_hand(hand)
         with self._temporary_data():
             self._light(LIGHTS, OBJECT_POSITION)
@@ -249,9 +235,7 @@ class Renderer:
                 bodies.append(body)
             elif body.type != "EMPTY":  # cameras and lamps
                 body.hide_render = True
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = FILE_ROTATION, position
-        self._origin.matrix_world = _matrix(pose)
+        self._origin.matrix_world = _matrix(np.vstack([np.c_[FILE_ROTATION, position], [0, 0, 0, 1]]))
         bpy.context.view_layer.update()
         world = [np.zeros((0, 3))]
         for body in bodies:
@@ -282,15 +266,19 @@ class Renderer:
         """Put a scene's lamps into Blender, around the object's place, and set the ambient light; returns the lamps."""
         ambient = [light.energy * linear(light.colour) for light in lights if light.kind == "ambient"]
         self._ambient["Color"].default_value = (*np.sum(ambient, axis=0), 1) if ambient else (0, 0, 0, 1)
-        lamps = [(_lamp(self._scene, light), light) for light in lights if light.kind != "ambient"]
+        lamps = []
+        for light in (light for light in lights if light.kind != "ambient"):
+            data = bpy.data.lights.new("lamp", light.kind.upper())
+            data.energy, data.color = light.energy, linear(light.colour)
+            attribute = {"sun": "angle", "point": "shadow_soft_size", "area": "size"}[light.kind]
+            setattr(data, attribute, np.radians(light.size) if light.kind == "sun" else light.size)
+            lamps.append((_link(self._scene, bpy.data.objects.new("lamp", data)), light))
+            lamps[-1][0].visible_camera = False  # what it lights is seen alone
         _pose_lamps(lamps, centre, np.eye(3))
         return lamps
 
     def draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
-        """Render what is in Blender, its vertices being `points` (n, 3); keep it if masters are kept.
-
-        master: the EXR file's name; none keeps nothing.
-        """
+        """Render what is in Blender, its vertices being `points` (n, 3); master: of the EXR file that may keep it."""
         render, lens = self._scene.render, self._camera.data
         render.resolution_x = render.resolution_y = camera.size
         lens.sensor_fit, lens.lens = "HORIZONTAL", camera.focal_length / camera.size * lens.sensor_width
@@ -301,8 +289,7 @@ class Renderer:
         if rectangle is None:
             return Layers.empty(camera.size)
         _crop(self._scene.render, camera.size, *rectangle)
-        nearest = np.min(camera.project(points)[1])
-        self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)
+        lens.clip_start = max(min(CLIP_START, np.min(camera.project(points)[1]) / 2), CLIP_START / 1000)
         colour = self.render_layers(self.samples, PIXEL_FILTER)
         point = self.render_centres() if self.centres else colour
         layers = Layers(colour.combined, point.depth, point.object_index)
@@ -329,11 +316,8 @@ class Renderer:
 
     def render_layers(self, samples: int, filter_width: float) -> Layers:
         """Render with a number of samples a pixel and a width (pixels) of the pixel filter; OSError without space."""
-        scene = self._scene
-        scene.cycles.samples = samples
-        scene.cycles.filter_width = filter_width
-        path = self._folder / "picture.exr"
-        scene.render.filepath = str(path)
+        path, cycles = self._folder / "picture.exr", self._scene.cycles
+        cycles.samples, cycles.filter_width, self._scene.render.filepath = samples, filter_width, str(path)
         with blender.quiet():
             bpy.ops.render.render(write_still=True)
         try:
@@ -375,33 +359,15 @@ def _choose_device(device: str) -> str:
 def _set_up_render(scene: Any, threads: int, device: str) -> None:
     """Render settings of all images."""
     render, layer = scene.render, scene.view_layers[0]
-    render.engine = "CYCLES"
-    render.resolution_percentage = 100
+    render.engine, render.resolution_percentage, render.film_transparent = "CYCLES", 100, True
     render.threads_mode, render.threads = "FIXED", threads
-    render.film_transparent = True
     render.use_compositing = render.use_sequencer = False
     render.use_border, render.use_crop_to_border = True, False
     settings = render.image_settings
     settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
     layer.use_pass_z = layer.use_pass_object_index = True
     layer.pass_alpha_threshold = VISIBLE
-
     scene.cycles.device = device.upper()
-
-
-def _lamp(scene: Any, light: Light) -> Any:
-    """A lamp, not yet posed. Cameras don't see it, only what it lights."""
-    data = bpy.data.lights.new("lamp", light.kind.upper())
-    data.energy, data.color = light.energy, linear(light.colour)
-    if light.kind == "sun":
-        data.angle = np.radians(light.size)
-    elif light.kind == "point":
-        data.shadow_soft_size = light.size
-    else:
-        data.size = light.size
-    body = _link(scene, bpy.data.objects.new("lamp", data))
-    body.visible_camera = False
-    return body
 
 
 def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], turn: np.ndarray) -> None:
@@ -425,23 +391,9 @@ def _link(scene: Any, body: Any) -> Any:
     return body
 
 
-def _coloured_material(name: str, roughness: float) -> Any:
-    """A dielectric whose colour is the mesh's attribute "colour"."""
-    material = bpy.data.materials.new(name)
-    material.use_nodes = True
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    colour = nodes.new("ShaderNodeAttribute")
-    colour.attribute_name = "colour"
-    surface = nodes["Principled BSDF"].inputs
-    surface["Roughness"].default_value = roughness
-    links.new(colour.outputs["Color"], surface["Base Color"])
-    return material
-
-
 def _blender_object(name: str, mesh: Mesh, material: Any) -> Any:
     """A Blender object with smooth shading and colours, not yet in a scene."""
-    vertices = np.asarray(mesh.vertices, dtype=np.float32)
-    faces = np.asarray(mesh.faces, dtype=np.int32)
+    vertices, faces = np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.int32)
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(vertices))
     data.vertices.foreach_set("co", vertices.ravel())

@@ -1,7 +1,4 @@
-"""System libraries that Blender and MeshLab need: `python -m palpate.vision.system` names what is missing.
-
-With `--install` it installs them, where this user may (root, with apt). Nothing here imports Blender.
-"""
+"""System libraries that Blender and MeshLab need: `python -m palpate.vision.system` names what is missing."""
 
 import argparse
 import ctypes
@@ -14,15 +11,9 @@ from collections.abc import Iterable
 # Libraries that `bpy` 4.5 links against (`ldd`) and does not bring along, by Debian package (`dpkg -S`). The last is
 # `pymeshlab`'s: without it most of its filters are missing.
 PACKAGES = {
-    "libX11.so.6": "libx11-6",
-    "libXrender.so.1": "libxrender1",
-    "libXfixes.so.3": "libxfixes3",
-    "libXi.so.6": "libxi6",
-    "libxkbcommon.so.0": "libxkbcommon0",
-    "libSM.so.6": "libsm6",
-    "libICE.so.6": "libice6",
-    "libGL.so.1": "libgl1",
-    "libOpenGL.so.0": "libopengl0",
+    **{"libX11.so.6": "libx11-6", "libXrender.so.1": "libxrender1", "libXfixes.so.3": "libxfixes3"},
+    **{"libXi.so.6": "libxi6", "libxkbcommon.so.0": "libxkbcommon0", "libSM.so.6": "libsm6"},
+    **{"libICE.so.6": "libice6", "libGL.so.1": "libgl1", "libOpenGL.so.0": "libopengl0"},
 }
 
 

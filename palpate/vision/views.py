@@ -1,12 +1,9 @@
 """Small images of an object from all around, for single-image reconstruction, as Choy et al. made theirs.
 
-3D-R2N2 (Choy et al. 2016), by the published renderer and the metadata of their images: 24 images of 137 x 137 an
-object; azimuth in [0, 360) and elevation in [25, 30) degrees and a distance of [0.65, 0.95) x 1.75, all uniform, around
-a model whose bounding box has a diagonal of 1 and its centre at the origin; a lens of 35 mm on a sensor of 32 mm
-(Blender did not use the field of view of 25 degrees in their metadata). Azimuth turns clockwise seen from above: the
-camera is at distance (cos e cos a, -cos e sin a, sin e), z up, and looks at the origin.
-
-Here distances are in proportion to the object, at `palpate.mesh.OBJECT_POSITION`: the images are the same.
+3D-R2N2 (Choy et al. 2016), by the published renderer and the metadata of their images: azimuth, elevation and distance
+are uniform, around a model whose bounding box has a diagonal of 1 and its centre at the origin (here: in proportion to
+the object, at `palpate.mesh.OBJECT_POSITION`). Blender did not use the field of view of 25 degrees in their metadata.
+Azimuth turns clockwise seen from above: the camera is at distance (cos e cos a, -cos e sin a, sin e), z up.
 """
 
 from collections.abc import Iterable
@@ -22,11 +19,9 @@ if TYPE_CHECKING:
     from palpate.scene import Scene
     from palpate.vision.renderer import Renderer
 
-COUNT = 24  # views an object
-SIZE = 137  # pixels
+COUNT, SIZE = 24, 137  # views an object, pixels
 FOCAL_LENGTH = 35 / 32  # of the image's width: Blender's lens and sensor of 2016
-AZIMUTH = (0.0, 360.0)  # degrees
-ELEVATION = (25.0, 30.0)  # degrees
+AZIMUTH, ELEVATION = (0.0, 360.0), (25.0, 30.0)  # degrees
 DISTANCE = (0.65, 0.95)  # of LARGEST_DISTANCE
 LARGEST_DISTANCE = 1.75  # of the bounding box's diagonal
 _BEFORE_X = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # axes of a camera on the x axis that looks back, z up
@@ -57,10 +52,7 @@ def viewpoints(generator: np.random.Generator, count: int = COUNT) -> list[Viewp
 
 def camera(viewpoint: Viewpoint, size: int = SIZE, scale: float = DIAGONAL) -> Camera:
     """The camera of a viewpoint about the object, in the world; scale: the diagonal of the object's box, m."""
-    about_z, about_y = (
-        rotation_about(axis, -np.radians(angle)) for axis, angle in ((2, viewpoint.azimuth), (1, viewpoint.elevation))
-    )
-    turn = about_z @ about_y
+    turn = rotation_about(2, -np.radians(viewpoint.azimuth)) @ rotation_about(1, -np.radians(viewpoint.elevation))
     position = turn @ [LARGEST_DISTANCE * viewpoint.distance, 0, 0] * scale + OBJECT_POSITION
     return Camera(position, turn @ _BEFORE_X, FOCAL_LENGTH * size, size)
 
@@ -72,8 +64,5 @@ def render(renderer: "Renderer", scene: "Scene", at: Iterable[Viewpoint], size: 
     images = renderer.render_views(scene, cameras)
     if not any(image.mask.any() for image in images):
         raise UnusableObject(f"{scene.visual_file}: no view shows the object: make its materials less transparent")
-    return Views(
-        image=np.stack([image.rgb for image in images]),
-        mask=np.stack([image.mask for image in images]),
-        camera=np.stack([camera.matrix() for camera in cameras]),
-    )
+    columns = [image.rgb for image in images], [image.mask for image in images], [each.matrix() for each in cameras]
+    return Views(*map(np.stack, columns))

@@ -8,7 +8,7 @@ import pytest
 from palpate.batch import UnusableObject
 from palpate.mesh import FORMATS
 from palpate.mesh.load import load
-from palpate.mesh.recognise import UNREAD, what_it_is
+from palpate.named_files import UNREAD, what_it_is
 from tests.mesh import nasty, written
 from tests.mesh.reading import CASES
 

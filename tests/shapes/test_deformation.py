@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.shapes.deformation import deformed, form
+from palpate.shapes.family import deformed
+from palpate.shapes.parameters import read
 
-NONE = dict.fromkeys(form(), 0.0)
+NONE = dict.fromkeys(read("rifle")["parameters"]["form"], 0.0)
 
 
 def bar(**changes) -> trimesh.Trimesh:
     """A bar 20 x 40 x 200 mm along z, from z = 0, deformed; it bends towards y."""
     mesh = trimesh.creation.box((0.02, 0.04, 0.2)).apply_translation((0, 0, 0.1)).subdivide_to_size(0.004)
-    moved = deformed(mesh.vertices, mesh.bounds, SimpleNamespace(**NONE | changes), 2, 1, seed=3)
+    moved = deformed(mesh.vertices, mesh.bounds, SimpleNamespace(**NONE | changes), (2, 1), seed=3)
     return trimesh.Trimesh(moved, mesh.faces, process=False)
 
 
@@ -56,7 +57,7 @@ def test_stretch_and_warp_keep_the_order_of_points(seed):
     grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
     amounts = {"stretch_x": 0.3, "stretch_y": -0.3, "stretch_z": 0.3, "warp": 0.03, "taper": -0.1, "bend": 20.0}
     moved = deformed(
-        grid.reshape(-1, 3), np.array([[0, 0, 0], [1, 1, 1.0]]), SimpleNamespace(**NONE | amounts), 2, 1, seed
+        grid.reshape(-1, 3), np.array([[0, 0, 0], [1, 1, 1.0]]), SimpleNamespace(**NONE | amounts), (2, 1), seed
     )
     moved = moved.reshape(grid.shape)
     edges = [np.diff(moved, axis=axis)[:11, :11, :11] for axis in range(3)]

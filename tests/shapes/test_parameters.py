@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from palpate.shapes import CLASSES
-from palpate.shapes.family import FAMILIES
-from palpate.shapes.parameters import EXCHANGE, Choice, Range, draw
+from palpate.shapes.parameters import EXCHANGE, draw, read
 
 PARAMETERS = {
-    "first": {"long": Range(1, 2, "m", ""), "kind": Choice("a b b", "")},
-    "second": {"count": Range(0, 3, "count", ""), "wide": Range(0, 1, "m", "")},
+    "first": {"long": (1, 2, "m", ""), "kind": ("a b b", "")},
+    "second": {"count": (0, 3, "count", ""), "wide": (0, 1, "m", "")},
 }
 STYLES = {"own": {"long": (5, 6), "wide": (0.5, 1)}, "other": {"wide": (2, 3)}}
 
@@ -42,14 +41,14 @@ def test_parameters_are_independent():
 
 @pytest.mark.parametrize("class_name", CLASSES)
 def test_styles_name_parameters_and_have_bounds_in_order(class_name):
-    family = FAMILIES[class_name]
-    known = {name: parameter for group in family.PARAMETERS.values() for name, parameter in group.items()}
-    assert len(known) == sum(len(group) for group in family.PARAMETERS.values())
-    for style, asked in family.STYLES.items():
+    parameters, styles = read(class_name).values()
+    known = {name: parameter for group in parameters.values() for name, parameter in group.items()}
+    assert len(known) == sum(len(group) for group in parameters.values())
+    for style, asked in styles.items():
         for name, value in asked.items():
             assert name in known, f"{style}: {name}"
-            assert isinstance(value, str) == isinstance(known[name], Choice), f"{style}: {name}"
+            assert isinstance(value, str) == (len(known[name]) == 2), f"{style}: {name}"
             assert isinstance(value, str) or value[0] <= value[1], f"{style}: {name}"
-    for name, parameter in known.items():
-        assert parameter.meaning, name
-        assert isinstance(parameter, Choice) or (parameter.unit and parameter.low <= parameter.high), name
+    for name, (first, *rest, meaning) in known.items():
+        assert meaning, name
+        assert (isinstance(first, str) and not rest) or (first <= rest[0] and isinstance(rest[1], str)), name

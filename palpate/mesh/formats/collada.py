@@ -14,8 +14,7 @@ from trimesh.transformations import rotation_matrix
 from trimesh.visual.material import PBRMaterial
 
 from palpate.mesh.files import DRAWN_GREY, Files
-from palpate.mesh.formats.corners import distinct, usable_normals
-from palpate.mesh.part import GREY, Loaded, make_part, plain
+from palpate.mesh.part import GREY, Loaded, distinct, eight_bit, make_part, plain, textured, usable_normals
 from palpate.mesh.polygons import strip_triangles, triangulate, with_holes
 
 Element = Any  # of lxml, which states no types
@@ -46,8 +45,6 @@ def _numbers(text: str | None, dtype: type = float) -> np.ndarray:
 
 
 class _Document:
-    """What a file's elements name, by their ids."""
-
     def __init__(self, root: Element, files: Files):
         self.root, self.files = root, files
         self.ids = {element.get("id"): element for element in root.iter() if element.get("id")}
@@ -91,9 +88,8 @@ class _Document:
         geometry, positions, frame = self._shape(instance, instance.get("url"), frame)
         if positions is None:
             self.files.note(geometry.get("id"), "a geometry that is no mesh: left out")
-            return
         bound = {one.get("symbol"): one for one in instance.iter("instance_material")}
-        for primitive in geometry.iterfind("mesh/*[input]"):
+        for primitive in geometry.iterfind("mesh/*[input]") if positions is not None else ():
             if primitive.tag in SURFACES:
                 look = self._material(primitive.get("material"), bound.get(primitive.get("material")))
                 yield self._part(primitive, positions, frame, look, geometry.get("id") or "geometry")
@@ -136,7 +132,7 @@ class _Document:
         values = {semantic: value[rows[first, offsets[semantic]]] for semantic, value in values.items()}
         linear, faces, colours = frame[:3, :3], number.reshape(-1, 3), values.get("COLOR")
         if colours is not None:
-            colours = np.round(255 * np.clip(np.c_[colours, np.ones(len(colours))][:, :4], 0, 1)).astype(np.uint8)
+            colours = eight_bit(np.c_[colours, np.ones(len(colours))][:, :4])
         return make_part(
             name,
             values["POSITION"] @ linear.T + frame[:3, 3],
@@ -173,9 +169,8 @@ class _Document:
         nodes = {key: node for root in roots for node in root.iter("node") for key in (node.get("id"), node.get("sid"))}
         frames = [self.frames.get(nodes.get(joint)) for joint in self._values(inputs["JOINT"])]
         if any(frame is None for frame in frames):
-            self.files.note(
-                skin.getparent().get("id"), "a joint is not in the scene: the skin is shown as it was bound"
-            )
+            name = skin.getparent().get("id")
+            self.files.note(name, "a joint is not in the scene: the skin is shown as it was bound")
             return positions, bind
         moves = np.array(frames) @ self._values(inputs["INV_BIND_MATRIX"]).reshape(-1, 4, 4) @ bind
         if np.allclose(moves, moves[0], atol=1e-5 * np.abs(moves[0]).max()):
@@ -219,21 +214,19 @@ class _Document:
             _numbers(shader.findtext(f"{of}/color") or params.get(shader.xpath(f"string({of}/param/@ref)")))
             for of in (base, "emission")
         )
-        made, texcoord = plain(name=name), None
+        made = plain(name=name)
         if texture is not None:
             image = texture.get("texture")
             for _ in range(2):  # through a sampler, and in 1.4 a surface
                 image = params.get(image, image)
             file = self.root.xpath("string(//image[@id=$id]/init_from[not(hex)])", id=image).strip()
-            image = self.files.picture(file.removeprefix("file://") or image)
-            made = plain(GREY if image is None else 1.0, name)
-            made.baseColorTexture, texcoord = image, texture.get("texcoord")
+            made = textured(self.files.picture(file.removeprefix("file://") or image), name)
         elif len(colour):
             made.baseColorFactor = [*np.clip(colour[:3], 0, 1), 1.0]
         if base == "diffuse" and glow[:3].any():
             made.emissiveFactor = np.clip(glow[:3], 0, 1)
         made.roughnessFactor = np.sqrt(2 / (2 + max([0, *_numbers(shader.findtext("shininess/float"))])))
-        return made, texcoord
+        return made, None if texture is None else texture.get("texcoord")
 
 
 def _transform(element: Element) -> np.ndarray:

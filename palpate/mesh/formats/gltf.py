@@ -26,7 +26,7 @@ from trimesh.visual.gloss import specular_to_pbr
 from trimesh.visual.material import PBRMaterial
 
 from palpate.mesh.files import DRAWN_GREY, Files
-from palpate.mesh.part import GREY, Loaded, make_part, plain
+from palpate.mesh.part import GREY, Loaded, eight_bit, make_part, plain
 from palpate.mesh.polygons import strip_triangles
 from palpate.named_files import gltf_tree
 
@@ -60,17 +60,12 @@ class Place(NamedTuple):
 
 
 def read(path: Path, files: Files) -> Loaded:
-    """One part for each primitive of a node, or of an instance of it.
-
-    Raises ValueError if the file needs what is not read, and that, LookupError, TypeError or AttributeError if it is
-    damaged.
-    """
+    """One part for each primitive of a node, or of an instance of it. Raises ValueError if the file needs what is not
+    read, and that, LookupError, TypeError or AttributeError if it is damaged."""
     return Loaded(_Document(path, files).parts())
 
 
 class _Document:
-    """The content of a file, by the numbers that its JSON has."""
-
     def __init__(self, path: Path, files: Files):
         self.files, data = files, path.read_bytes()
         self.tree, start = gltf_tree(path)
@@ -106,7 +101,6 @@ class _Document:
         return base64.b64decode(data) if head.endswith(";base64") else data
 
     def _view(self, number: int) -> memoryview:
-        """The bytes of a buffer view."""
         view = self.tree["bufferViews"][number]
         buffer, start = self.buffers[view["buffer"]], view.get("byteOffset", 0)
         if not buffer and view.get("extensions"):
@@ -128,10 +122,9 @@ class _Document:
         count, component, width = given["count"], given["componentType"], WIDTHS[given["type"]]
         if not 0 <= count <= ELEMENTS_A_BYTE * self.size:
             raise ValueError(f"accessor {number} says {count:,} elements, and the file has {self.size:,} bytes")
+        values = np.zeros((count, width), COMPONENTS[component])
         if "bufferView" in given:
             values = self._elements(given, count, component, width)
-        else:
-            values = np.zeros((count, width), COMPONENTS[component])
         if few := given.get("sparse"):
             places = self._elements(few["indices"], few["count"], few["indices"]["componentType"], 1)[:, 0]
             values = values.copy()
@@ -154,8 +147,10 @@ class _Document:
         for number, above in waiting:  # which grows on the way
             if number in worlds:
                 raise ValueError(f"node {number} is a child of two nodes")
-            worlds[number] = above @ _local(self.nodes[number])
-            waiting += [(child, worlds[number]) for child in self.nodes[number].get("children", [])]
+            node = self.nodes[number]
+            local = _matrices(**{key: [node[key]] for key in MOVES if key in node})[0]
+            worlds[number] = above @ (np.reshape(node["matrix"], (4, 4)).T.astype(float) if "matrix" in node else local)
+            waiting += [(child, worlds[number]) for child in node.get("children", [])]
         if cycle := sorted(set(range(len(self.nodes))) - set(worlds)):
             raise ValueError(f"nodes {cycle} are below themselves (a cycle)")
         return worlds
@@ -164,18 +159,16 @@ class _Document:
         """What the default scene, else the first, else every root node shows, in the order of the nodes' names."""
         scenes = self.tree.get("scenes")
         waiting = list(scenes[self.tree.get("scene", 0)].get("nodes", []) if scenes else self.roots)
-        shown = set()
+        shown, made = set(), []
         for number in waiting:  # which grows on the way
             if _extension(self.nodes[number], "KHR_node_visibility").get("visible", True):
-                shown.add(number)
+                shown.add((self.nodes[number].get("name", ""), number))
                 waiting += self.nodes[number].get("children", [])
-        return [
-            made
-            for number in sorted(shown, key=lambda number: (self.nodes[number].get("name", ""), number))
-            if "mesh" in self.nodes[number]
-            for place, primitive in enumerate(self.tree["meshes"][self.nodes[number]["mesh"]]["primitives"])
-            for made in self._primitive(number, place, primitive)
-        ]
+        for _, number in sorted(shown):
+            if "mesh" in self.nodes[number]:
+                for place, primitive in enumerate(self.tree["meshes"][self.nodes[number]["mesh"]]["primitives"]):
+                    made += self._primitive(number, place, primitive)
+        return made
 
     def _primitive(self, number: int, place: int, primitive: Tree) -> list[trimesh.Trimesh]:
         """The parts that a node makes of a primitive of its mesh: one, or one an instance."""
@@ -214,10 +207,13 @@ class _Document:
         if where is not None:
             wrap = where.wrap
             if (key := f"TEXCOORD_{where.number}") in attributes:
-                uv = _moved(values(key), *where.transform)
+                offset, rotation, scale = where.transform  # KHR_texture_transform's; anticlockwise, as seen
+                cos, sin, uv = np.cos(rotation), np.sin(rotation), values(key)
+                turned = uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]])
+                uv = (turned + np.array(offset)).astype(uv.dtype)
+                uv[:, 1] = 1.0 - uv[:, 1]  # v upwards
         if "COLOR_0" in attributes:
-            colours = values("COLOR_0")
-            colours = np.round(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8)
+            colours = eight_bit(values("COLOR_0"))
             if colours.shape[1] == 3 or material is None or material.alphaMode in (None, "OPAQUE"):
                 colours = np.column_stack([colours[:, :3], np.full(len(colours), 255, np.uint8)])
         placed = []
@@ -331,13 +327,6 @@ def _extension(given: Tree, name: str) -> Tree:
     return given.get("extensions", {}).get(name, {})
 
 
-def _local(node: Tree) -> np.ndarray:
-    """The matrix (4, 4) from a node to its parent."""
-    if "matrix" in node:
-        return np.reshape(node["matrix"], (4, 4)).T.astype(float)
-    return _matrices(**{key: [node[key]] for key in MOVES if key in node})[0]
-
-
 def _matrices(
     translation: ArrayLike = ((0, 0, 0),), rotation: ArrayLike = ((0, 0, 0, 1),), scale: ArrayLike = ((1, 1, 1),)
 ) -> np.ndarray:
@@ -349,14 +338,6 @@ def _matrices(
     return matrices
 
 
-def _moved(uv: np.ndarray, offset: ArrayLike, rotation: float, scale: ArrayLike) -> np.ndarray:
-    """Texture coordinates (n, 2), v upwards, after KHR_texture_transform; rotation: anticlockwise, as seen."""
-    cos, sin = np.cos(rotation), np.sin(rotation)
-    uv = (uv * np.array(scale) @ np.array([[cos, -sin], [sin, cos]]) + np.array(offset)).astype(uv.dtype)
-    uv[:, 1] = 1.0 - uv[:, 1]
-    return uv
-
-
 def _from_glossy(factors: Tree, pictures: dict[str, Image]) -> Tree:
     """Factors and textures of the metallic and rough material of a glossy one, whose textures are taken out."""
     glossy = {key: pictures.pop(key) for key in ("diffuseTexture", "specularGlossinessTexture") if key in pictures}
@@ -364,11 +345,9 @@ def _from_glossy(factors: Tree, pictures: dict[str, Image]) -> Tree:
         return specular_to_pbr(**factors)
     width, height = np.max([picture.size for picture in glossy.values()], axis=0).tolist()
     glossy = {key: picture.convert("RGBA").resize((width, height)) for key, picture in glossy.items()}
-    areas = [(0, top, width, min(top + STRIP_ROWS, height)) for top in range(0, height, STRIP_ROWS)]
-    strips = [
-        specular_to_pbr(**(factors | {key: picture.crop(area) for key, picture in glossy.items()})) for area in areas
-    ]
-    return {
-        key: fromarray(np.concatenate([strip[key] for strip in strips])) if isinstance(value, Image) else value
-        for key, value in strips[0].items()
-    }
+    strips = []
+    for top in range(0, height, STRIP_ROWS):
+        area = 0, top, width, min(top + STRIP_ROWS, height)
+        strips.append(specular_to_pbr(**factors | {key: picture.crop(area) for key, picture in glossy.items()}))
+    keys = [key for key, value in strips[0].items() if isinstance(value, Image)]
+    return strips[0] | {key: fromarray(np.concatenate([strip[key] for strip in strips])) for key in keys}

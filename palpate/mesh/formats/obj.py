@@ -9,6 +9,7 @@ import re
 from array import array
 from itertools import chain, repeat
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from trimesh.visual.material import PBRMaterial
@@ -16,7 +17,7 @@ from trimesh.visual.texture import unmerge_faces
 
 from palpate import named_files
 from palpate.mesh.files import DRAWN_GREY, Files
-from palpate.mesh.part import GREY, PLAIN, Loaded, linear, make_part, plain
+from palpate.mesh.part import GREY, PLAIN, Loaded, eight_bit, linear, make_part, plain
 from palpate.mesh.polygons import triangulate
 from palpate.named_files import text, without_comment
 
@@ -65,30 +66,22 @@ def read(path: Path, files: Files) -> Loaded:
             material = plain(GREY, name)
             if not files.problems.keys() & set(libraries):
                 files.note(name, f"no material library has it: {DRAWN_GREY}")
-        parts.append(
-            make_part(
-                name or path.name,
-                vertices[rows[0]],
-                vertex_of[mine],
-                material,
-                normals=normals[rows[2], :3] if has[2] else None,
-                uv=coordinates,
-                colours=_light(colours[rows[0]]) if material is None and colours is not None else None,
-                wrap=wrap,
-            )
-        )
+        more: dict[str, Any] = {"normals": normals[rows[2], :3] if has[2] else None, "uv": coordinates, "wrap": wrap}
+        if material is None and colours is not None:
+            missing = np.isnan(colours[rows[0]]).any(axis=1)
+            light = linear(eight_bit(colours[rows[0]]))
+            light[missing, :3] = round(255 * PLAIN)  # of single vertices without one
+            more["colours"] = None if missing.all() else light
+        parts.append(make_part(name or path.name, vertices[rows[0]], vertex_of[mine], material, **more))
     return Loaded(parts)
 
 
 def _statements(
     lines: list[bytes], files: Files
 ) -> tuple[list[np.ndarray], list[bytes], np.ndarray, list[str], list[str]]:
-    """What the lines of an OBJ say. Raises ValueError with the first line that can't be read.
-
-    Returns tables of positions, texture coordinates and normals (n, 7), NaN where a line has fewer numbers; the texts
-    of the corners of all faces, one after the other; the faces (f, 3): number of the line, corners and material; the
-    names of materials; what each `mtllib` says.
-    """
+    """Tables of positions, texture coordinates and normals (n, 7), NaN where a line has fewer numbers; the texts of the
+    corners of all faces, one after the other; the faces (f, 3): number of the line, corners and material; the names of
+    materials; what each `mtllib` says. Raises ValueError with the first line that can't be read."""
     tables = {keyword: (array("d"), array("B")) for keyword in COUNTS}  # their numbers, and how many a line has
     corners: list[bytes] = []
     faces: list[int] = []
@@ -106,8 +99,12 @@ def _statements(
                 values.extend(map(float, words))
                 counts.append(len(words))
             elif keyword in (b"f", b"fo"):  # fo: of old files
-                if b"-" in line:
-                    words = [_counted_from_start(word, tables) for word in words]
+                if b"-" in line:  # negative numbers count back from here; 0 is before the first
+                    sizes = [len(counts) for _, counts in tables.values()]
+                    for place, word in enumerate(words):
+                        parts = zip(word.split(b"/"), chain(sizes, repeat(0)), strict=False)
+                        from_start = (b"%d" % max(0, int(k) + n + 1) if k.startswith(b"-") else k for k, n in parts)
+                        words[place] = b"/".join(from_start)
                 corners += words
                 faces += (number, len(words), material)
             elif keyword == b"usemtl":
@@ -124,7 +121,10 @@ def _statements(
         slashes = {word.count(b"/") + word.endswith(b"/") for word in words}
         if len(words) < 3 or len(slashes) > 1:
             raise _error(number, line, "the file is cut off within this face")
-    numbers = [_table(*map(np.array, table)) for table in tables.values()]
+    numbers = []
+    for values, counts in tables.values():
+        numbers.append(np.full((len(counts), 7), np.nan))
+        numbers[-1][np.arange(7) < np.array(counts)[:, None]] = values
     return numbers, corners, np.array(faces, dtype=np.int64).reshape(-1, 3), list(materials), libraries
 
 
@@ -133,27 +133,11 @@ def _error(number: int, line: bytes, problem: object) -> ValueError:
     return ValueError(f"line {number + 1}, {' '.join(text(line).split())[:80]!r}: {problem}")
 
 
-def _table(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """The numbers of lines (n, 7), NaN where a line has fewer."""
-    table = np.full((len(counts), 7), np.nan)
-    table[np.arange(7) < counts[:, None]] = values
-    return table
-
-
-def _counted_from_start(word: bytes, tables: dict[bytes, tuple[array, array]]) -> bytes:
-    """A corner without negative numbers: they count back from the line where they stand. 0 is before the first."""
-    sizes = (len(counts) for _, counts in tables.values())
-    numbers = zip(word.split(b"/"), chain(sizes, repeat(0)), strict=False)
-    return b"/".join(b"%d" % max(0, int(k) + size + 1) if k.startswith(b"-") else k for k, size in numbers)
-
-
 def _corners(
     words: list[bytes], faces: np.ndarray, sizes: tuple[int, int, int], lines: list[bytes], files: Files
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The corners that differ (c, 3): vertex, texture coordinate and normal from 0, or `NONE`; and which of them each
-    corner of the faces is. Raises ValueError, with the line, where one refers to what is not there; if the file has
-    none of its kind, that is left out.
-    """
+    """The corners that differ (c, 3), vertex, texture coordinate and normal or `NONE`, also where the file has none
+    of a kind, and which of them each corner of the faces is. Raises ValueError, with the line, for others."""
     number_of = {word: number for number, word in enumerate(dict.fromkeys(words))}
     order = np.fromiter(map(number_of.get, words), np.int64, len(words))
 
@@ -179,10 +163,8 @@ def _corners(
 
 
 def _vertices(table: np.ndarray, files: Files) -> tuple[np.ndarray, np.ndarray | None]:
-    """Positions (n, 3) and colours (n, 3) in 0..1, NaN of a vertex without one; None if no vertex has one.
-
-    4 numbers have a weight, by which the others are divided; 6 a colour, and 7 its opacity, which does not count.
-    """
+    """Positions (n, 3) and colours (n, 3) in 0..1, NaN of a vertex without one; None if no vertex has one. 4 numbers
+    have a weight, by which the others are divided; 6 a colour, and 7 its opacity, which does not count."""
     weighted = np.isfinite(table[:, 3]) & np.isnan(table[:, 4])
     weight = np.where(weighted, table[:, 3], 1.0)[:, None]
     if (weight == 0).any():
@@ -193,14 +175,6 @@ def _vertices(table: np.ndarray, files: Files) -> tuple[np.ndarray, np.ndarray |
     if np.isnan(colours).all():
         return vertices, None
     return vertices, colours / (255 if np.nanmax(colours) >= 2 else 1)
-
-
-def _light(colours: np.ndarray) -> np.ndarray | None:
-    """Colours (n, 3) as `make_part` takes them: `PLAIN` of single vertices without one, None if none has one."""
-    missing = np.isnan(colours).any(axis=1)
-    light = linear(np.round(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8))
-    light[missing, :3] = round(255 * PLAIN)
-    return None if missing.all() else light
 
 
 def _definitions(path: Path, libraries: list[str], files: Files, coloured: bool) -> Definitions:

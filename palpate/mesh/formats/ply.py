@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.mesh.files import Files
-from palpate.mesh.formats.corners import distinct, numbers, usable_normals
-from palpate.mesh.part import GREY, Loaded, linear, make_part, plain
+from palpate.mesh.part import Loaded, distinct, eight_bit, linear, make_part, numbers, textured, usable_normals
 from palpate.mesh.polygons import strip_triangles, triangulate
 
 HEADER = re.compile(rb"ply[ \t]*(?:\r(?!\n).*?\r[ \t]*end_header[ \t]*\r|.*?\n[ \t]*end_header[ \t]*\r?\n)", re.DOTALL)
@@ -66,9 +65,7 @@ def read(path: Path, files: Files) -> Loaded:
     del columns["colours"]
     parts, chosen = [], face.get("texnumber", np.zeros(len(counts)))[owner]
     for place, name in enumerate(textures):
-        image = files.picture(name)
-        material = plain(GREY if image is None else 1.0, name)
-        material.baseColorTexture = image
+        material = textured(files.picture(name), name)
         parts.append(make_part(name, faces=triangles[chosen == place], material=material, **columns))
     return Loaded(parts)
 
@@ -96,15 +93,12 @@ def _elements(data: bytes) -> tuple[dict[str, Properties], list[str]]:
     if not order:  # the numbers of a text are read as if they were binary ones of eight bytes
         lines = [line for line in data.splitlines() if line.strip()]
         data = numbers(data).tobytes()
-
-    def stored_as(code: str) -> str:
-        return order + code if order else "d"
-
     one_a_line = len(lines) == sum(count for _, count, _ in elements)
     for name, count, properties in elements:
         width = 8 * len(lines[0].split()) if one_a_line and count else 0
         lines = lines[count:]
-        stored = [(stored_as(code), length and stored_as(length)) for _, code, length in properties]
+        stored = [(order + code, length and order + length) for _, code, length in properties]
+        stored = stored if order else [("d", length and "d") for _, _, length in properties]
         columns, at = _rows(data, at, name, count, stored, width)
         held[name] = {}
         for (key, code, is_list), (values, lengths) in zip(properties, columns, strict=True):
@@ -119,10 +113,8 @@ def _rows(
     data: bytes, at: int, name: str, count: int, codes: list[tuple[str, str]], width: int
 ) -> tuple[list[tuple[np.ndarray, np.ndarray]], int]:
     """(Values (n,), lengths (count,)) of each property of an element's rows, which begin `at`, and where they end.
-
     codes: of a value and, of a list, of its length; width: bytes of the first row's line, of which MeshLab writes more
-    than its header says. Raises ValueError if the data end before.
-    """
+    than its header says. Raises ValueError if the data end before."""
     fields: list[tuple[Any, ...]] = []
     columns: list[list[np.ndarray]] = [[] for _ in codes]
     try:
@@ -163,6 +155,5 @@ def _colours(values: Properties) -> np.ndarray | None:
             channels = [values[name] for name in (*names, *((alpha,) if alpha in values else ()))]
             most = {"H": 65535, "f": 1, "d": 1}.get(channels[0].dtype.char, 255)
             share = np.column_stack(channels).astype(float)
-            share = share / (most if share.max(initial=0) <= most else 255)
-            return linear(np.round(255 * np.clip(share, 0, 1)).astype(np.uint8))
+            return linear(eight_bit(share / (most if share.max(initial=0) <= most else 255)))
     return None

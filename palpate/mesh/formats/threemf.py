@@ -1,7 +1,4 @@
-"""3MF: the objects that its build shows, of the core specification with the production extension.
-
-Its colours and textures are not read, and supports are left out.
-"""
+"""3MF, its core and production: the objects that its build shows, without colours, textures and supports."""
 
 import zipfile
 from functools import cache
@@ -13,8 +10,7 @@ from lxml import etree
 from trimesh import Trimesh
 
 from palpate.mesh.files import Files
-from palpate.mesh.formats.corners import numbers
-from palpate.mesh.part import Loaded, make_part
+from palpate.mesh.part import Loaded, make_part, numbers
 
 Element = Any  # of lxml, which states no types
 MOST_UNPACKED, LARGEST_RATIO = 500e6, 100  # bytes of an unpacked file; these over its own, where 10 is common
