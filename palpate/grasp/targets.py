@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from palpate.hand import Hand
+from palpate.touch.presses import tangents
 
 GAP = (0.005, 0.060)  # metres between the palm's face and the surface
 PRESS = 0.003  # metres that the gel's apex aims below the surface
@@ -44,19 +45,11 @@ def palm_pose(hand: Hand, surface: Surface, rng: np.random.Generator) -> np.ndar
     chosen = rng.integers(len(surface.points))
     turn, gap = rng.uniform(0, 2 * np.pi), rng.uniform(*GAP)
     face, inward = np.eye(4), -surface.normals[chosen]
-    first = np.cross(inward, np.eye(3)[np.abs(inward).argmin()])
-    first /= np.linalg.norm(first)
-    along = np.cos(turn) * first + np.sin(turn) * np.cross(inward, first)
+    first, second = tangents(inward)
+    along = np.cos(turn) * first + np.sin(turn) * second
     face[:3, :3] = np.column_stack([inward, np.cross(along, inward), along])
     face[:3, 3] = surface.points[chosen] - gap * inward
     return face @ np.linalg.inv(hand.palm_anchor)
-
-
-def tangents(normals: np.ndarray) -> np.ndarray:
-    """Of unit vectors (..., 3) two others (..., 2, 3) that are orthogonal to them and to each other."""
-    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(normals, first)], axis=-2)
 
 
 class Workspace:

@@ -111,8 +111,8 @@ def pressing(dataset: Dataset, path: Path | str) -> None:
     for number, force in enumerate(forces):
         axes[0, 0].set_ylabel(f"{force:.2f} N")
         for film, (reading, pressure) in zip(films, axes.T, strict=True):
-            reading.imshow(film.reading[number])
-            pressure.imshow(film.pressure[number], cmap="Reds", vmin=0, vmax=film.pressure.max())
+            reading.imshow(film["reading"][number])
+            pressure.imshow(film["pressure"][number], cmap="Reds", vmin=0, vmax=film["pressure"].max())
         pages.append(next_page(figure))
     save_animation(pages, path, PAUSE, REST)
 
