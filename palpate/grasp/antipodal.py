@@ -226,7 +226,7 @@ def reach(
     goals[0][:, sensors], goals[1][:, sensors] = goal, inward
     best, off = joints, np.full((len(joints), len(sensors), 6), np.inf)
     for _ in range(ITERATIONS):
-        error, jacobian = (values[:, sensors] for values in workspace._linearised(joints, *goals))
+        error, jacobian = (values[:, sensors] for values in workspace.linearised(joints, *goals))
         missed, least = (np.linalg.norm(values, axis=-1).max(axis=-1) for values in (error, off))
         if (missed > CONVERGED * least).all():
             break

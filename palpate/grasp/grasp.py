@@ -85,9 +85,13 @@ class Grasper:
         hold: Mapping[str, float] | None = None,
         only_held: bool = False,
     ):
-        """surface_points: (N, 3) on the object's exterior. hold: of the test whether a grasp holds, the config's keys
-        `friction`, `density`, `distance` and `duration`. only_held: whether others are not kept. The other arguments
-        are `grasp_object`'s. Raises what `check_hand` does, and UnusableObject for an object without a face.
+        """visual, collision: the object's meshes, with every face and decimated. surface_points: (N, 3) on its outside.
+        timestep: of the simulation, seconds. max_penetration: metres; a deeper grasp is not accepted. thumb_share: of
+        the attempts, in which the thumb closes too; with 1, more sensors touch than in the paper. sensor: the hand's
+        sensors, which decide what touches. hold: of the test whether a grasp holds, the config's keys `friction`,
+        `density`, `distance` and `duration`. only_held: whether others are not kept.
+
+        Raises what `check_hand` does, and UnusableObject for an object without a face.
         """
         self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
         self.hold, self.only_held = dict(hold or {}), only_held
@@ -218,20 +222,14 @@ def grasp_object(
     per_object: int = 5,
     attempts: int = 5,
     max_attempts: int = 60,
-    timestep: float = TIMESTEP,
-    max_penetration: float = MAX_PENETRATION,
-    thumb_share: float = THUMB_SHARE,
-    sensor: Sensor = DIGIT,
     grasper_type: Callable[..., Grasper] = Grasper,
+    **options: Any,
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, of at most `max_attempts` attempts in all,
     and the `per_object` with the most touches are kept, of equals the earlier.
 
-    visual, collision: the object's meshes in its own frame, with every face and decimated. surface_points: (N, 3) on
-    its exterior, in the world frame, as the surface store has them. timestep: of the simulation, seconds.
-    max_penetration: metres; a deeper grasp is not accepted. thumb_share: of the attempts, in which the thumb closes
-    too; with 1, more sensors touch than in the paper. sensor: the hand's sensors, which decide what touches.
-    grasper_type: makes the object's grasper; `palpate.grasp.grasper_type` has others.
+    surface_points: (N, 3) in the world frame, as the surface store has them. grasper_type: makes the object's grasper;
+    `palpate.grasp.grasper_type` has others. The other arguments are `Grasper`'s.
 
     Returns the grasps in the world frame; the same generator gives the same.
     Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object without a
@@ -242,7 +240,7 @@ def grasp_object(
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
-    grasper = grasper_type(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
+    grasper = grasper_type(visual, collision, own_points, hand, **options)
     grasps: list[Grasp] = []
     discarded: Counter[str] = Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:

@@ -113,14 +113,14 @@ class Workspace:
         """
         low, high = self.hand.joint_range.T
         damping = np.full(goal.shape[:-1], DAMPING)
-        error, jacobian = self._linearised(joints, goal, inward)
+        error, jacobian = self.linearised(joints, goal, inward)
         miss = np.linalg.norm(error, axis=-1)
         for _ in range(ITERATIONS):
             transposed = np.swapaxes(jacobian, -1, -2)
             square = jacobian @ transposed + damping[..., None, None] * np.eye(6)
             step = (transposed @ solve_positive_definite(square, error)[..., None])[..., 0]
             tried = self.hand.follow(np.clip(joints + step.sum(axis=-2), low, high))
-            error_tried, jacobian_tried = self._linearised(tried, goal, inward)
+            error_tried, jacobian_tried = self.linearised(tried, goal, inward)
             miss_tried = np.linalg.norm(error_tried, axis=-1)
             better = miss_tried < miss
             joints = np.where((better[..., None] & self.moves).any(axis=-2), tried, joints)
@@ -130,7 +130,7 @@ class Workspace:
             damping = np.where(better, damping / DAMPING_FACTOR, damping * DAMPING_FACTOR)
         return joints, miss
 
-    def _linearised(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def linearised(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Error of each gel's place and direction (..., s, 6), and the Jacobian."""
         pose = self.hand.forward(np.eye(4), joints)
         apex, direction = self.apex(pose)

@@ -3,7 +3,8 @@
 Only faces and pixels that can be in contact are traced.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -62,12 +63,9 @@ class RayCaster:
 
         position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
         """
-        origins, rotation = self._in_object_frame(position, rotation)
-        depth = np.full((len(origins), *self.sensor.resolution), np.inf, dtype=np.float32)
-        for k, origin in enumerate(origins):
-            block = self.block_in_reach(origin, rotation[k])
-            if block is not None:
-                depth[k, *block] = self._in_range(origin, rotation[k], block)
+        depth = np.full((len(position), *self.sensor.resolution), np.inf, dtype=np.float32)
+        for k, *pose, block in self._blocks(position, rotation):
+            depth[k, *block] = self._in_range(*pose, block)
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -75,14 +73,16 @@ class RayCaster:
 
         Every 10th pixel in both directions is traced first. position, rotation: as for `trace`.
         """
-        origins, rotation = self._in_object_frame(position, rotation)
-        success = np.zeros(len(origins), dtype=bool)
-        for k, origin in enumerate(origins):
-            block = self.block_in_reach(origin, rotation[k])
-            if block is not None:
-                success[k] = self.succeeds_early(origin, rotation[k], block)
-                success[k] = success[k] or np.isfinite(self._in_range(origin, rotation[k], block)).any()
+        success = np.zeros(len(position), dtype=bool)
+        for k, *way in self._blocks(position, rotation):
+            success[k] = self.succeeds_early(*way) or np.isfinite(self._in_range(*way)).any()
         return success
+
+    def _blocks(self, position: np.ndarray, rotation: np.ndarray) -> Iterator[tuple[Any, ...]]:
+        """Number, pose in the object's own frame (two arrays), and `Block` in reach of each sensor that has one."""
+        for k, pose in enumerate(zip(*self._in_object_frame(position, rotation), strict=True)):
+            if (block := self.block_in_reach(*pose)) is not None:
+                yield k, *pose, block
 
     def is_near(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Whether any face is traced for each sensor: (...,) bool; position: (..., 3), rotation: (..., 3, 3)."""
@@ -151,8 +151,8 @@ class RayCaster:
 
         origin: (3,), rotation: (3, 3) of the sensor in the object's own frame.
         """
-        pixels = self.sensor.plane[block].reshape(-1, 3)
-        shape = self.sensor.plane[block].shape[:2]
+        plane = self.sensor.plane[block]
+        pixels, shape = plane.reshape(-1, 3), plane.shape[:2]
         depth, doubtful = self._embree_depth(origin, rotation, block)
         settled = np.zeros(len(pixels), dtype=bool)
         while doubtful.any():
@@ -164,13 +164,11 @@ class RayCaster:
 
     def _embree_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> tuple[np.ndarray, np.ndarray]:
         """Depth (n,) of a block of pixels, +inf where no face is hit; and which are doubtful (n,) bool."""
-        plane = self.sensor.plane[block]
+        plane, direction = self.sensor.plane[block], rotation[:, 0]
         pixels = plane.reshape(-1, 3)
-        depth = np.full(len(pixels), np.inf)
+        depth, doubtful = np.full(len(pixels), np.inf), np.full(len(pixels), self._large)
         if self._large:
-            return depth, np.ones(len(pixels), dtype=bool)
-        doubtful = np.zeros(len(pixels), dtype=bool)
-        direction = rotation[:, 0]
+            return depth, doubtful
         start = pixels @ rotation.T + (origin - _SLACK * direction)
         hit = self.mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
         met = np.flatnonzero(hit >= 0)
