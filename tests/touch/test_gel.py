@@ -108,8 +108,12 @@ def test_hertz():
     force = 4 / 3 * 2 * MODULUS / (1 - poisson) * a**3 / radius  # with E / (1 - nu^2)
     gels = [Layer(thickness, MODULUS, poisson) for thickness in THICK]
     pressed = [press(ball(30, radius), (PIXEL, PIXEL), gel, force, tolerance=1e-5) for gel in gels]
+    # Whole pixels: of a radius of 10, 316 centres lie within it, 308 within 0.99 of it (1 % less by area), and 332
+    # within 1.02 of it (2.8 % more).
     assert_allclose(np.sqrt(total(pressed[1].pressure > 0) / np.pi), a, rtol=0.02)
     assert_allclose(pressed[1].pressure.max(), 3 * force / (2 * np.pi * a**2), rtol=0.01)
+    # What the base takes off goes on as 1 / h^3, of which 6 (a / h)^3 is left, 0.6 % times a number near 1; and the
+    # middle of a pixel is (pixel / a)^2 / 12 of the approach, 0.1 %, off its mean.
     assert_allclose(2 * pressed[1].approach - pressed[0].approach, a**2 / radius, rtol=0.015)
 
 
@@ -246,6 +250,7 @@ def test_partial_slip_is_cattaneos_and_mindlins(stick):
     assert_allclose(forces[0], FRICTION * HERTZ_FORCE * (1 - stick**3), rtol=0.03)
     assert abs(forces[1]) < 1e-6 * forces[0]
     slips = np.linalg.norm(pressed.traction, axis=-1) >= FRICTION * pressed.pressure * (1 - 1e-9)
+    # Whole pixels, by eights of mirror images: of the smaller disc, 4 pixels in radius, eight are 8 % by area.
     assert_allclose(np.sqrt(total(~slips) / np.pi), stick * CONTACT, rtol=0.08)
 
 
