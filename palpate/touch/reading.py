@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.mesh import load_geometry
 from palpate.sensor import DIGIT, Sensor
-from palpate.touch.gel import Layer, press
 from palpate.touch.shading import shade, shade_impression
 
-if TYPE_CHECKING:  # embree: what shades a face again does not need it
+if TYPE_CHECKING:  # engines are imported where they are used: what shades a face again needs none
     from palpate.scene import Scene
     from palpate.touch.rays import RayCaster
 
@@ -43,6 +41,7 @@ class TouchReading(NamedTuple):
 
 def scene_tracer(scene: "Scene", sensor: Sensor = DIGIT) -> "RayCaster":
     """The search tree of a scene's object for a kind of sensor."""
+    from palpate.mesh import load_geometry
     from palpate.touch.rays import RayCaster
 
     return RayCaster(load_geometry(scene.object_folder), scene.object_position, sensor)
@@ -122,6 +121,8 @@ def press_sensor(
     the surface goes. Where nothing is before the face, or the force is 0, the gel is as if untouched and `force` is 0.
     slide, twist, friction: as for `gel.press`. Raises ConfigError for a sensor whose gel can't be pressed.
     """
+    from palpate.touch.gel import Layer, press
+
     layer, nothing = Layer(**sensor.require_material()), np.zeros((*sensor.resolution, 2))
     images, numbers = [nothing[..., 0], nothing[..., 0], nothing], [0.0, 0.0, 0.0, 0.0]
     if force > 0 and np.isfinite(depth).any():
