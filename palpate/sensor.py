@@ -66,9 +66,8 @@ class Sensor:
     @cached_property
     def pixel_centres(self) -> tuple[np.ndarray, np.ndarray]:
         """Centres of the pixels on the sensor plane: z of the rows (r,) and y of the columns (c,)."""
-        rows, columns = (
-            ((np.arange(n) + 0.5) / n - 0.5) * edge for n, edge in zip(self.resolution, self.size, strict=True)
-        )
+        counts = zip(self.resolution, self.size, strict=True)
+        rows, columns = (((np.arange(n) + 0.5) / n - 0.5) * edge for n, edge in counts)
         return rows, columns
 
     @cached_property
@@ -165,8 +164,7 @@ class Sensor:
         """The sensor of a description, as a file or a store has it.
 
         background: the image of the untouched gel, used if the description has one. what: name for error messages.
-        Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, an impossible gel or
-        light.
+        Raises `ConfigError` for a description that does not fit `SCHEMA`, an impossible gel or light.
         """
         check(dict(description), SCHEMA, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}

@@ -60,11 +60,8 @@ class GraspSimulation:
         duration: float = DURATION,
         stiffness: float = STIFFNESS,
     ):
-        """Compile the model once; it serves all attempts.
-
-        patches: of `surface_patches`, (V, 3) each, metres. timestep, duration: seconds. stiffness: the servos' gain,
-        N m / rad. Raises ValueError for a time step at which closing isn't stable, or takes too long.
-        """
+        """patches: of `surface_patches`, (V, 3) each, metres. timestep, duration: seconds. stiffness: the servos' gain,
+        N m / rad. Raises ValueError for a time step at which closing isn't stable, or takes too long."""
         if not LEAST_TIMESTEP <= timestep <= LARGEST_TIMESTEP:
             raise ValueError(
                 f"grasps: a time step of {1e3 * timestep:g} ms is not between {1e3 * LEAST_TIMESTEP:g} and"

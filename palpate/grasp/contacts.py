@@ -38,11 +38,8 @@ class Contacts(NamedTuple):
 
 
 def contacts(simulation: GraspSimulation) -> Contacts:
-    """The contacts in the present state of a simulation, in the object's own frame.
-
-    After a step the engine still has the contacts before it. So they are computed anew, on a copy: the simulation goes
-    on as if nothing had been asked.
-    """
+    """The contacts in the present state of a simulation, in the object's own frame. After a step the engine still has
+    those before it. So they are computed anew, on a copy: the simulation goes on as if nothing had been asked."""
     model, data = simulation.model, mujoco.MjData(simulation.model)
     mujoco.mj_copyState(model, simulation.data, data, mujoco.mjtState.mjSTATE_INTEGRATION)
     mujoco.mj_forward(model, data)
@@ -78,9 +75,7 @@ def on_object(touching: Contacts) -> Contacts:
 
 def sensor_wrenches(touching: Contacts, links: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Force (N) and torque (N m) of the object on each sensor's link: (s, 6), in the sensor's frame and at its origin.
-
-    links: (s,) int of the sensors. position, rotation: (s, 3) and (s, 3, 3), in the frame of the contacts.
-    """
+    links: (s,) int of the sensors. position, rotation: (s, 3) and (s, 3, 3), in the frame of the contacts."""
     on_link = (touching.link == links[:, None]) & (touching.other == OBJECT)
     forces = (on_link * touching.force)[..., None] * touching.normal  # (s, n, 3)
     torques = np.cross(touching.position - position[:, None], forces)
@@ -89,11 +84,8 @@ def sensor_wrenches(touching: Contacts, links: np.ndarray, position: np.ndarray,
 
 
 def pad_forces(found: Contacts, links: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """How hard the object presses each sensor's face: (s,) N along its axis.
-
-    Contacts that push at more than 45 degrees to the axis are of the link's sides or back and do not count.
-    links: (s,) int of the sensors. rotation: (s, 3, 3), in the frame of the contacts.
-    """
+    """How hard the object presses each sensor's face: (s,) N along its axis; arguments as for `sensor_wrenches`.
+    Contacts that push at more than 45 degrees to the axis are of the link's sides or back and do not count."""
     on_link = (found.link == links[:, None]) & (found.other == OBJECT)
     cosine = -rotation[:, :, 0] @ found.normal.T  # (s, n): 1 where the object pushes straight onto the face
     return np.where(on_link & (cosine > STEEPEST), found.force * cosine, 0).sum(axis=1)
@@ -102,11 +94,9 @@ def pad_forces(found: Contacts, links: np.ndarray, rotation: np.ndarray) -> np.n
 def contact_arrays(
     frames: Sequence[Contacts], links: np.ndarray, position: np.ndarray, rotation: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The contacts of f frames by the names that the contract has for them, (f, ...), and the sensors' wrenches.
-
-    links, position, rotation: as for `sensor_wrenches`, of each frame. `contact_count` counts all contacts; of the
-    others the `SLOTS` with the largest forces are kept, and slots without a contact are 0.
-    """
+    """The contacts of f frames by the names that the contract has for them, (f, ...), and the sensors' wrenches; links,
+    position, rotation: as for `sensor_wrenches`, of each frame. `contact_count` counts all contacts; of the others the
+    `SLOTS` with the largest forces are kept, and slots without a contact are 0."""
     arrays = {"contact_count": np.array([len(frame.force) for frame in frames])}
     for name in Contacts._fields[:-1]:
         columns = [getattr(frame, name)[:SLOTS] for frame in frames]

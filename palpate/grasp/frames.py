@@ -20,10 +20,8 @@ NAMES = ("time", "joint_positions", "joint_velocities", "link_pose", "sensor_pos
 
 
 def frame_steps(count: int, steps: int) -> np.ndarray:
-    """Steps of a closing of `steps` time steps at which its `count` frames are: evenly in time, the last at rest.
-
-    The first is the open hand, 0, unless there is only one. Raises ValueError for more frames than states.
-    """
+    """Steps of a closing of `steps` time steps at which its `count` frames are: evenly in time, the last at rest, and
+    the first the open hand, 0, unless there is only one. Raises ValueError for more frames than states."""
     if count > steps + 1:
         raise ValueError(f"frames: {count} moments of a closing of {steps} time steps: ask for at most {steps + 1}")
     return np.rint(np.linspace(steps, 0, count)).astype(int)[::-1]

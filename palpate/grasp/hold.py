@@ -39,11 +39,8 @@ class Body(NamedTuple):
 
 
 def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
-    """The object as a body. density: kg / m^3.
-
-    Its volume is what the mesh encloses if it is closed, and else the convex hull of its `surface_patches`, which are
-    thick where a mesh is flat.
-    """
+    """The object as a body; density: kg / m^3. Its volume is what the mesh encloses if it is closed, and else the
+    convex hull of its `surface_patches`, which are thick where a mesh is flat."""
     solid = bool(mesh.is_volume)
     volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(surface_patches(mesh)))
     return Body(float(density * volume.volume), volume.center_mass, density * volume.moment_inertia, solid)

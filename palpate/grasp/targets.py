@@ -78,9 +78,8 @@ class Workspace:
         """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly so.
 
         Of the points near its open gel that it can face, each finger takes the one that it comes nearest to, even if it
-        can't reach it: contact stops the finger.
-
-        palm_pose: (4, 4) in the surface's frame. thumb: whether the fingers of `sensor_thumb` close too.
+        can't reach it: contact stops the finger. palm_pose: (4, 4) in the surface's frame. thumb: whether the fingers
+        of `sensor_thumb` close too.
         """
         hand = self.hand
         points = (surface.points - palm_pose[:3, 3]) @ palm_pose[:3, :3]
@@ -153,12 +152,9 @@ class Workspace:
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N).
-
-    Gaussian elimination, which needs no pivots here. LAPACK's result depends on its threads, and is slower for these.
-    """
-    matrix, x = matrix.copy(), right.copy()
-    size = matrix.shape[-1]
+    """Solutions x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N), by
+    elimination, which needs no pivots here. LAPACK's result depends on its threads, and is slower for these."""
+    matrix, x, size = matrix.copy(), right.copy(), matrix.shape[-1]
     for row in range(size):
         factor = matrix[..., row + 1 :, row] / matrix[..., row, row, None]
         matrix[..., row + 1 :, row:] -= factor[..., None] * matrix[..., row, None, row:]

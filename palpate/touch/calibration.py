@@ -236,10 +236,8 @@ def _place(indentation: Indentation, change: np.ndarray, sensor: Sensor) -> Inde
 
 def fit_lights(normal: np.ndarray, free: np.ndarray, change: np.ndarray) -> list[dict[str, Any]]:
     """Distant lights that explain a change of grey levels (n, 3), where normals `free` (n, 3) have become `normal`.
-
     Each has one colour; of each colour there are as many as lower the error. One by one, each begins where it explains
-    most of what is left; then all of the colour are fitted anew.
-    """
+    most of what is left; then all of the colour are fitted anew."""
     from scipy.optimize import least_squares
 
     def shading(lights: np.ndarray) -> np.ndarray:

@@ -245,9 +245,7 @@ def press(
     surface = np.asarray(surface, dtype=dtype)
     allowed = np.isfinite(surface)
     if not (surface > -np.inf).all() or not allowed.any():
-        raise ValueError(
-            "expected a surface in metres, +inf where there is none, somewhere finite; got none, NaN or -inf"
-        )
+        raise ValueError("expected heights in metres, somewhere finite, +inf where nothing is; got none, NaN or -inf")
     if not (layer.thickness > 0 and layer.shear_modulus > 0 and 0 <= layer.poisson <= 0.5):
         raise ValueError(f"{layer}: expected thickness and shear modulus above 0, Poisson's ratio of 0 to 0.5")
     if not 0 < force < np.inf:

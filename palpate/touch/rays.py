@@ -14,15 +14,13 @@ from palpate.surface.embree import RayMesh
 
 _MARGIN = 1e-5  # metres, of the conservative tests: far above their rounding errors
 _ORTHONORMAL = 1e-5  # of dot products of a sensor's axes: more than single precision's rounding
-# m that Embree's rays reach beyond the range and behind the sensor plane: more than its rounding.
-_SLACK = 1e-5
+_SLACK = 1e-5  # m that Embree's rays reach beyond the range and behind the sensor plane: more than its rounding
 _LARGEST = 2.0  # m across: the rounding of larger objects is too coarse for Embree
 # Sine of the angle between a face and the rays below which its plane does not give the depth: moving the ray by
 # Embree's rounding error (3e-8 m) then moves the hit by over 3e-6 m.
 _EDGE_ON = 1e-2
 _DOUBLE_ROUNDING = 1e-12  # m by which edges are widened in double precision: no ray slips through between two faces
 _NO_WIDTH = 1e-6  # sine of the angle below which a face covers no pixel: it is narrower than Embree's rounding
-
 
 Block = tuple[slice, slice]  # rows and columns of a rectangle of pixels
 
@@ -59,20 +57,16 @@ class RayCaster:
         self._rounding = max(_DOUBLE_ROUNDING, 8 * np.finfo(float).eps * far)
 
     def trace(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Depth maps (k, r, c) float32, metres, of k sensors. Raises ValueError for an invalid pose.
-
-        position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
-        """
+        """Depth maps (k, r, c) float32, metres, of sensors at position (k, 3) and rotation (k, 3, 3), whose columns are
+        the frame's axes. Raises ValueError for an invalid pose."""
         depth = np.full((len(position), *self.sensor.resolution), np.inf, dtype=np.float32)
         for k, *pose, block in self._blocks(position, rotation):
             depth[k, *block] = self._in_range(*pose, block)
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each, but cheaper.
-
-        Every 10th pixel in both directions is traced first. position, rotation: as for `trace`.
-        """
+        """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each, but cheaper:
+        every 10th pixel in both directions is traced first."""
         success = np.zeros(len(position), dtype=bool)
         for k, *way in self._blocks(position, rotation):
             success[k] = self.succeeds_early(*way) or np.isfinite(self._in_range(*way)).any()
@@ -147,10 +141,7 @@ class RayCaster:
         return near
 
     def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
-        """Depth (rows, columns) float64 of a block of pixels, up to the sensor's range; beyond it, any larger number.
-
-        origin: (3,), rotation: (3, 3) of the sensor in the object's own frame.
-        """
+        """Depth (rows, columns) float64 of a block of pixels up to the sensor's range; beyond it, any larger number."""
         plane = self.sensor.plane[block]
         pixels, shape = plane.reshape(-1, 3), plane.shape[:2]
         depth, doubtful = self._embree_depth(origin, rotation, block)
@@ -195,10 +186,8 @@ class RayCaster:
         return depth, doubtful
 
     def _exact_depth(self, pixels: np.ndarray, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Depth (n,) of the rays through `pixels` (n, 2), in double precision against every face in range.
-
-        A face seen edge-on covers no pixel; one on the sensor plane is touched, at depth 0.
-        """
+        """Depth (n,) of the rays through `pixels` (n, 2), in double precision against every face in range. A face seen
+        edge-on covers no pixel; one on the sensor plane is touched, at depth 0."""
         corners, normal = self._in_sensor_frame(self.near_faces(origin, rotation), origin, rotation)
         row_height, _ = self.sensor.pixel
         low, high = corners[:, :, 2].min(axis=1) - row_height, corners[:, :, 2].max(axis=1) + row_height

@@ -149,11 +149,8 @@ def stacked(rows: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
 def press_sensors(
     tracer: "RayCaster", sensor: Sensor, position: np.ndarray, rotation: np.ndarray, force: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Sensors at poses (..., 3) and (..., 3, 3), each pressed with its force (...), N: `press_sensor`'s, (..., ...).
-
-    tracer: of the object and `face_sensor(sensor)`. Raises ConfigError as `press_sensor`, ValueError for an invalid
-    pose.
-    """
+    """Sensors at poses (..., 3) and (..., 3, 3), each pressed with its force (...), N: the arrays of `press_sensor`
+    with these axes first. tracer: of the object and `face_sensor(sensor)`. Raises as `press_sensor` and `trace` do."""
     poses = np.reshape(position, (-1, 1, 3)), np.reshape(rotation, (-1, 1, 3, 3))
     rows = []
     for newton, *pose in zip(np.ravel(force), *poses, strict=True):
@@ -163,10 +160,8 @@ def press_sensors(
 
 
 def shade_pressed(indentation: np.ndarray, sensor: Sensor, displacement: np.ndarray | None = None) -> np.ndarray:
-    """Readings (r, c, 3) uint8 of a deformed face (r, c), m into the gel, with the sensor's dots.
-
-    displacement: (r, c, 2) m, of the dots; default 0.
-    """
+    """Readings (r, c, 3) uint8 of a deformed face (r, c), m into the gel, with the sensor's dots; displacement: of the
+    dots, (r, c, 2) m, default 0."""
     reading = shade_impression(indentation, sensor, sensor.face_sag)
     if not sensor.markers:
         return reading
