@@ -17,6 +17,10 @@ from palpate.seal import DamagedFile
 
 # Of what every frame has, in the order in which `closing_frames` makes it.
 NAMES = ("time", "joint_positions", "joint_velocities", "link_pose", "sensor_position", "sensor_rotation")
+DIFFERS = (
+    "closing again does not give the stored grasps bit for bit: they were made with another version of an engine, "
+    "or on another kind of processor; "
+)
 
 
 def frame_steps(count: int, steps: int) -> np.ndarray:
@@ -52,15 +56,7 @@ def kept_closings(
             drawn_again += 1
             yield int(number), pose, grasper.workspace.targets(pose, grasper.surface, thumb)
     if drawn_again < len(palms):
-        raise differs(remedy)
-
-
-def differs(remedy: str) -> DamagedFile:
-    """The error of grasps that closing again does not give."""
-    return DamagedFile(
-        "closing again does not give the stored grasps bit for bit: they were made with another version of an engine, "
-        f"or on another kind of processor; {remedy}"
-    )
+        raise DamagedFile(DIFFERS + remedy)
 
 
 def closing_frames(
@@ -101,7 +97,7 @@ def closing_frames(
         taken = np.arange(SLOTS) < frames["contact_count"][..., None]
         frames["contact_position"] += taken[..., None] * np.array(OBJECT_POSITION)
     if any((frames[name][:, -1] != kept[name]).any() for name in NAMES if name in kept):
-        raise differs(remedy)
+        raise DamagedFile(DIFFERS + remedy)
     return frames
 
 
