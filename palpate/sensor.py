@@ -66,8 +66,7 @@ class Sensor:
     @cached_property
     def pixel_centres(self) -> tuple[np.ndarray, np.ndarray]:
         """Centres of the pixels on the sensor plane: z of the rows (r,) and y of the columns (c,)."""
-        counts = zip(self.resolution, self.size, strict=True)
-        rows, columns = (((np.arange(n) + 0.5) / n - 0.5) * edge for n, edge in counts)
+        rows, columns = map(pixel_centres, self.resolution, self.size)
         return rows, columns
 
     @cached_property
@@ -215,6 +214,11 @@ class Sensor:
         """The values of `GEOMETRY` that differ from another sensor's, as text; empty if data of one fit the other."""
         mine, theirs = self.geometry, other.geometry
         return ", ".join(f"{key} {mine[key]} and {theirs[key]}" for key in GEOMETRY if mine[key] != theirs[key])
+
+
+def pixel_centres(resolution: int, width: float) -> np.ndarray:
+    """Centres (resolution,) of the pixels of a sensor `width` metres wide, along y or z."""
+    return ((np.arange(resolution) + 0.5) / resolution - 0.5) * width
 
 
 def sensor_file(sensor: str, folder: Path | str = ".") -> Path:

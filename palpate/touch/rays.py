@@ -60,8 +60,8 @@ class RayCaster:
         """Depth maps (k, r, c) float32, metres, of sensors at position (k, 3) and rotation (k, 3, 3), whose columns are
         the frame's axes. Raises ValueError for an invalid pose."""
         depth = np.full((len(position), *self.sensor.resolution), np.inf, dtype=np.float32)
-        for k, *pose, block in self._blocks(position, rotation):
-            depth[k, *block] = self._in_range(*pose, block)
+        for k, origin, axes, block in self._blocks(position, rotation):
+            depth[k, *block] = self._in_range(origin, axes, block)
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
