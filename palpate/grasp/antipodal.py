@@ -46,11 +46,11 @@ class AntipodalGrasper(Grasper):
 
     simulation: GripSimulation
 
-    def __init__(self, *args: Any, grip: float, is_loose: bool = True, only_held: bool = True, **kwargs: Any):
+    def __init__(self, *args: Any, grip: float, is_loose: bool = True, **kwargs: Any):
         """grip: N with which each side of the hand presses. is_loose: whether the object moves while the hand closes.
         Raises UnusableObject for a hand whose fingers can't oppose each other."""
         self.grip, self.is_loose = grip, is_loose
-        super().__init__(*args, only_held=only_held, **kwargs)
+        super().__init__(*args, **kwargs)
         self.rays, self.ways = RayMesh(self.visual), oppositions(self.workspace)
         if not len(self.ways.joints):
             raise UnusableObject(f"no two fingers of hand {self.hand.name!r} oppose each other: name them (`opposes`)")

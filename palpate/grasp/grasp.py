@@ -125,9 +125,9 @@ class Grasper:
         """In which the object is let go."""
         return self.loose()
 
-    def moved(self, *at_rest: np.ndarray) -> Iterator[float]:
+    def moved(self, palm_pose: np.ndarray, joints: np.ndarray, targets: np.ndarray) -> Iterator[float]:
         """How far the object moves along each of `DIRECTIONS` if it is let go: m, as `HoldSimulation.moved`."""
-        limits = self.hold["duration"], self.hold["distance"]
+        at_rest, limits = (palm_pose, joints, targets), (self.hold["duration"], self.hold["distance"])
         return (self.loose_simulation.moved(*at_rest, GRAVITY * axis, *limits) for axis in DIRECTIONS)
 
     def servo_positions(self) -> np.ndarray:

@@ -5,7 +5,7 @@ A pressed sensor's whole gel takes part, and its image shows a window of it.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -133,7 +133,7 @@ def press_sensor(
         images = [image[window] for image in pressed[:3]]
         inside = 1 - outside.sum() / pressed.pressure.sum()
         numbers = [force, pressed.approach, inside, pressed.strain]
-    arrays = {"reading": shade_pressed(images[0], sensor, images[2])}
+    arrays: dict[str, Any] = {"reading": shade_pressed(images[0], sensor, images[2])}
     for name, image in zip(("indentation", "pressure", "displacement"), images, strict=True):
         arrays[name] = image.astype(np.float32)
     if sensor.markers:
@@ -178,7 +178,8 @@ def markers(displacement: np.ndarray | None, sensor: Sensor) -> np.ndarray:
     from scipy.ndimage import map_coordinates
 
     moved = np.zeros((*sensor.resolution, 2)) if displacement is None else displacement
-    counts = zip((sensor.markers["rows"], sensor.markers["columns"]), sensor.resolution, strict=True)
+    dots: Any = sensor.markers
+    counts = zip((dots["rows"], dots["columns"]), sensor.resolution, strict=True)
     row, column = np.meshgrid(*((np.arange(n) + 0.5) / n * pixels - 0.5 for n, pixels in counts), indexing="ij")
     y, z = (map_coordinates(moved[..., axis], [row, column], order=1, mode="nearest") for axis in (0, 1))
     return np.stack([row + z / sensor.pixel[0], column + y / sensor.pixel[1]], axis=-1).astype(np.float32)

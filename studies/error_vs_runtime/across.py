@@ -59,7 +59,9 @@ class AcrossStudy(Study):
         scale = SIZE / np.linalg.norm(visual.extents)
         visual.apply_scale(scale), collision.apply_scale(scale)
         self.best = None
-        return AntipodalGrasper(visual, collision, scale * points, GRIPPER, hold=self.settings["hold"], grip=GRIP)
+        return AntipodalGrasper(
+            visual, collision, scale * points, GRIPPER, hold=self.settings["hold"], only_held=True, grip=GRIP
+        )
 
     def methods(self) -> list[Method]:
         return variants("antipodal", "pairs", COUNTS, partial(partial, attempts), CHOSEN)

@@ -40,7 +40,7 @@ def tried(mesh: trimesh.Trimesh, friction: float, mass: float, timestep: float) 
     mesh = mesh.subdivide_to_size(0.02)
     points = trimesh.sample.sample_surface(mesh, 2000, seed=0)[0]
     hold = {"friction": friction, "density": mass / mesh.volume, "distance": 0.02, "duration": 0.5}
-    grasper = AntipodalGrasper(mesh, mesh, points, GRIPPER, timestep, hold=hold, grip=GRIP, only_held=False)
+    grasper = AntipodalGrasper(mesh, mesh, points, GRIPPER, timestep, hold=hold, grip=GRIP)
     results, moved, deepest, rng = Counter(), [], 0.0, generator(0, "stability")
     for _ in range(ATTEMPTS):
         grasp = grasper.attempt(rng)
