@@ -9,7 +9,7 @@ from palpate.architectures import PAPER_ARCHITECTURES
 from palpate.camera import IMAGE_SIZE
 from palpate.experiments import Experiment
 from palpate.results import products, published
-from palpate.touch.sensor import RESOLUTION
+from palpate.touch.reading import RESOLUTION
 from palpate.vision.views import SIZE as VIEW_SIZE
 
 if TYPE_CHECKING:
