@@ -96,10 +96,9 @@ class GraspDataset(Sequence):
     def __getitem__(self, index: int) -> dict[str, Any]:  # type: ignore[override]  # no slices
         """The arrays of a grasp, with its object, class, split and number. Raises IndexError if there is none."""
         try:
-            number = range(len(self))[integer(index)]
+            number, grasp = divmod(range(len(self))[integer(index)], self._of_object)
         except IndexError:
             raise IndexError(f"{self.unit} {index} of {len(self)}") from None
-        number, grasp = divmod(number, self._of_object)
         entry = self._entries[number]
         item: dict[str, Any] = {"object": entry.object, "class": entry.class_name, "split": entry.split}
         item[self.unit] = grasp
@@ -121,10 +120,8 @@ class GraspDataset(Sequence):
 
 
 class PressDataset(GraspDataset):
-    """The presses of some objects, object by object, as `GraspDataset` has grasps.
-
-    An item has `object`, `class`, `split`, `press` (its number, from 0), and the arrays of the press.
-    """
+    """The presses of some objects, object by object, as `GraspDataset` has grasps. An item has `object`, `class`,
+    `split`, `press` (its number, from 0), and the arrays of the press."""
 
     unit, units = "press", "presses"
 

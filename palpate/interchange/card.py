@@ -43,16 +43,14 @@ def spdx(licence: str) -> str:
 
 
 def licence_url(licence: str) -> str:
-    """Where SPDX has the text of a licence of `spdx`; empty if it is none of its list: an expression, or `unknown`."""
+    """Where SPDX has the text of a licence; empty for an expression, and for `unknown`."""
     return SPDX + licence if licence.lower() in licenses.LICENSES else ""
 
 
 def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str], str]) -> None:
     """Write the card into an export's folder: its contents, how it was made, its checks and errors, its terms.
-
     digests: of the stores that the arrays are from, by stage and batch. Names and reasons, from meshes, are escaped.
-    Raises StoreError for a damaged `last_run.json`.
-    """
+    Raises StoreError for a damaged `last_run.json`."""
     dataset, splits, layout, licence, _ = contents
     hand = dataset[0].hand if "grasps" in dataset.stages else None
     number, config, url = sum(map(len, splits.values())), dataset.config, licence_url(licence)
@@ -68,6 +66,9 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
     environment = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     environment.filters["escaped"] = escaped
     checks = _rows(dataset.folder / "reports/validation.csv")
+    reasons = Counter((row["stage"], without_folders(kind_of_reason(row["reason"]))) for row in dataset.rejections())
+    tables = map(_rows, dataset.folder.glob("reports/validation/*.csv"))
+    checked = {(row["store"], row["batch"], row["where"]) for rows in tables for row in rows if row["check"] == "files"}
     text = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         **contents._asdict() | {"layout": layout.name, "splits": list(SPLITS), "grasps": contents.grasps},
         header=yaml.safe_dump(header, sort_keys=False),
@@ -84,10 +85,11 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
         arrays=_arrays(contents),
         hand=hand,
         joints=_joints(hand) if hand else [],
-        rejections=_rejections(dataset),
+        rejections=[[count, escaped(stage), escaped(text)] for (stage, text), count in reasons.most_common()],
         checks=checks,
         failed=sum(row["passed"] != "True" for row in checks),
-        unchecked=_unchecked(dataset, digests),
+        # Stores that are not as they were when the run was validated.
+        unchecked=[f"{key[0]}/{key[1]}" for key, digest in digests.items() if (*key, digest) not in checked],
         config=yaml.safe_dump(_public(config), sort_keys=False),
     )
     path.write_text(text, encoding="utf-8")
@@ -126,7 +128,6 @@ def _commit(path: Path) -> str:
 
 
 def _counts(dataset: Dataset) -> list[list[Any]]:
-    """Objects of each class by split, and of all."""
     counts = Counter((record.class_name, record.split) for record in dataset)
     rows = [[escaped(name), *(counts[name, split] for split in SPLITS)] for name in dataset.classes]
     return [*rows, ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]]
@@ -152,19 +153,6 @@ def _joints(hand: Hand) -> list[list[Any]]:
         places = [links[link], links[hand.link_parent[link]], how, f"{low:.4g} to {high:.4g} {unit}"]
         rows.append([number, joints[number], *places, "" if driver == number else joints[driver]])
     return rows
-
-
-def _unchecked(dataset: Dataset, digests: Mapping[tuple[str, str], str]) -> list[str]:
-    """The stores, of these by stage and batch, that are not as they were when the run was validated."""
-    tables = map(_rows, dataset.folder.glob("reports/validation/*.csv"))
-    checked = {(row["store"], row["batch"], row["where"]) for rows in tables for row in rows if row["check"] == "files"}
-    return [f"{stage}/{batch}" for (stage, batch), digest in digests.items() if (stage, batch, digest) not in checked]
-
-
-def _rejections(dataset: Dataset) -> list[list[Any]]:
-    """How many objects each stage left out for each kind of reason, the most frequent first."""
-    reasons = Counter((row["stage"], without_folders(kind_of_reason(row["reason"]))) for row in dataset.rejections())
-    return [[number, escaped(stage), escaped(text)] for (stage, text), number in reasons.most_common()]
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -1,9 +1,7 @@
-"""The description of an export in Croissant 1.1, MLCommons' JSON-LD for search engines and loaders.
+"""The description of an export in Croissant 1.1, MLCommons' JSON-LD for search engines and loaders: all files, the
+columns of the tables, and type and shape of each array. Loaders read tables and images, but neither `.npy` nor Zarr.
 
-https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html. It has all files, the columns of the tables, and type
-and shape of each array. Loaders of Croissant read tables and images; for `.npy` and Zarr they have no reader. Fields
-`rai:` are those of its extension for responsible AI,
-https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html.
+https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html; `rai:`: croissant-rai-spec.html beside it.
 """
 
 import csv
@@ -59,7 +57,6 @@ def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
 
 
 def _file(name: str, size: int, digest: str) -> dict[str, Any]:
-    """A file of the export's folder."""
     stated = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": FILES[Path(name).suffix]}
     return {"@type": "cr:FileObject", "@id": name, "name": name, **stated, "sha256": digest}
 
@@ -73,9 +70,7 @@ def _set(name: str, encoding: str, includes: str, archives: Sequence[str] = ()) 
 
 def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """The sets of files, and of records, of arrays: one set of records for a table's columns, else one an array.
-
-    archives: tar files that the arrays' files are in.
-    """
+    archives: tar files that the arrays' files are in."""
     grasps, example, files, sets = contents.grasps, contents.example, [], []
     encoding, pattern, image_type = LAYOUTS[contents.layout.name]
     columns = [_field(grasps.units, name, "sc:Text", "metadata-files", column=name) for name in TEXT]
@@ -101,7 +96,6 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
 
 
 def _table(path: Path, key: str) -> dict[str, Any]:
-    """The rows of a CSV file as a record set."""
     with path.open(encoding="utf-8", newline="") as file:
         columns = next(csv.reader(file))
     types = {name: "sc:Integer" if name in NUMBERS else "sc:Text" for name in columns}
@@ -115,7 +109,6 @@ def _records(name: str, fields: list[dict[str, Any]], *key: str) -> dict[str, An
 
 
 def _field(records: str, name: str, data_type: str, files: str, **extract: str) -> dict[str, Any]:
-    """A field of a record set, from a file or a set of files."""
     source = {"fileSet" if files.endswith("-files") else "fileObject": {"@id": files}, "extract": extract}
     field = {"@type": "cr:Field", "@id": f"{records}/{name}", "name": name}
     return field | {"dataType": data_type, "source": source}

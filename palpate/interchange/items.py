@@ -82,9 +82,7 @@ def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict[str, Any]]:
 
 def pictures(grasps: GraspDataset, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
     """The images of an array by name, `reading.0`, `reading.1`, ..., or the array's if it is one image.
-
-    values: (..., h, w), of colours (..., h, w, 3 or 4). Empty for an array that is not of images.
-    """
+    values: (..., h, w), of colours (..., h, w, 3 or 4). Empty for an array that is not of images."""
     if name not in grasps.images:
         return {}
     shape = values.shape[-3 if grasps.images[name] else -2 :]
@@ -94,13 +92,12 @@ def pictures(grasps: GraspDataset, name: str, values: np.ndarray) -> dict[str, n
 
 
 def png(image: np.ndarray) -> bytes:
-    """An image as the bytes of a PNG file; those of an object, and of the empty gel, come again and again."""
+    """A uint8 image as the bytes of a PNG file."""
     return _png(image.tobytes(), image.shape)
 
 
-@lru_cache(maxsize=16)
-def _png(content: bytes, shape: tuple[int, ...]) -> bytes:
-    """The PNG of a uint8 image. Run lengths (Z_RLE) take 0.2 to 0.4 of the default's time."""
+@lru_cache(maxsize=16)  # those of an object, and of the empty gel, come again and again
+def _png(content: bytes, shape: tuple[int, ...]) -> bytes:  # run lengths take 0.2 to 0.4 of the default's time
     file = io.BytesIO()
     Image.fromarray(np.frombuffer(content, np.uint8).reshape(shape)).save(file, "PNG", compress_type=zlib.Z_RLE)
     return file.getvalue()

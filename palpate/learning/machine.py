@@ -7,10 +7,8 @@ import torch
 
 class Machine(NamedTuple):
     """What a model is trained on.
-
     device: `auto` (a GPU if there is one), `cpu` or `gpu`. devices: number of GPUs. precision: `32-true`, or
-    `bf16-mixed`, where weights stay in float32: in bfloat16 a position is good to a millimetre. threads: of the CPU.
-    """
+    `bf16-mixed`, where weights stay in float32: in bfloat16 a position is good to a millimetre. threads: of the CPU."""
 
     device: str = "auto"
     devices: int = 1

@@ -47,10 +47,8 @@ class Topology(NamedTuple):
 @cache
 def topology(start: Start | None) -> Topology | None:
     """Of the vision charts, or of the closed sphere, by what a strategy deforms; None if it deforms neither."""
-    if start is None:
-        return None
-    if start == "sphere":
-        return topology_of(sphere()[1].numpy())
+    if start is None or start == "sphere":
+        return topology_of(sphere()[1].numpy()) if start else None
     atlas = vision_atlas()
     return topology_of(atlas.faces.numpy(), atlas.joined.numpy())
 
@@ -67,10 +65,8 @@ def topology_of(faces: np.ndarray, joined: np.ndarray | None = None) -> Topology
 
 def surface_quality(vertices: np.ndarray, surface: Topology | None, tree: cKDTree) -> Quality:
     """The numbers of one prediction; nan without a surface.
-
-    vertices: (V, 3) metres, of which `surface` takes the first. tree: of the true points, in the same frame.
-    Faces without area have no direction and are left out.
-    """
+    vertices: (V, 3) metres, of which `surface` takes the first. tree: of the true points, in the same frame. Faces
+    without area have no direction and are left out."""
     if surface is None:
         return Quality(*[np.nan] * 4)
     vertices = np.asarray(vertices, dtype=float)

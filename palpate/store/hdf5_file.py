@@ -44,13 +44,6 @@ class Hdf5File:
         with h5py.File(path, "r") as file:
             self.attributes = {name: json.loads(value) for name, value in file.attrs.items()}
 
-    def verify(self) -> None:
-        """Compare the file with its seal. Raises DamagedFile if it is not as it was written."""
-        seal.verify(self.path)
-
-    def require_files(self) -> None:
-        """Nothing more than what opening the file compared."""
-
     def array(self, name: str) -> "Chunk | np.ndarray":
         """One array, not read (a small one without chunks is), if the file is as it was when it was opened."""
         array = self._arrays.get(name)

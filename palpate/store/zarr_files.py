@@ -75,14 +75,6 @@ class ZarrFiles:
         sealed.require([ROOT])
         return sealed
 
-    def verify(self) -> None:
-        """Compare all files with the seal. Raises DamagedFile, naming the first files that differ."""
-        self.seal.require()
-
-    def require_files(self) -> None:
-        """Raise DamagedFile, naming the first files, if files are missing or of another size."""
-        self.seal.require(contents=False)
-
     def array(self, name: str) -> "Records | zarr.Array":
         """One array, not read, if its files are as they were when the store was opened."""
         array = self._arrays.get(name)
@@ -122,9 +114,7 @@ def shard_file(name: str, array: Any) -> str:
 
 class Records:
     """A Zarr array, `array[index]` as numpy indexes: numbers and slices of leading axes read only their records.
-
-    file: of its values; None if all are the fill value, and it was not written. array: as `is_readable` takes it.
-    """
+    file: of its values; None if all are the fill value, and it was not written. array: as `is_readable` takes it."""
 
     def __init__(self, file: Path | None, array: zarr.Array):
         self.shape, self.dtype, self._fill, self._file = array.shape, array.dtype, array.fill_value, file

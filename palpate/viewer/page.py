@@ -34,13 +34,14 @@ def object_page(
     model: str = "",
 ) -> Path:
     """Write the page of one object, and the scene beside it as a `.glb`; both atomically.
-
     path: of the page, `.html`. grasps: numbers of those that are shown; all by default. predictions: meshes in the
     world frame by the number of the grasp, of the model that `model` names. Returns the path of the GLB file. Raises
-    IndexError for a grasp that the object does not have.
-    """
+    IndexError for a grasp that the object does not have."""
     path = Path(path)
-    shown = _grasps(record, grasps)
+    all_grasps = record.grasps if {"grasps", "touch", "vision"} & {*record.stages} else []
+    if wrong := [number for number in grasps or () if not 0 <= number < len(all_grasps)]:
+        raise IndexError(f"{record.name} has no grasp {wrong[0]}: it has {len(all_grasps)}, numbered from 0")
+    shown = all_grasps if grasps is None else [all_grasps[number] for number in grasps]
     pressed = record.presses[:PRESSES] if "press" in record.stages else []
     glb = record_scene(record, shown, predictions, pressed).export(file_type="glb")
     scene_file = path.with_suffix(".glb")
@@ -74,32 +75,17 @@ def object_page(
     return scene_file
 
 
-def _grasps(record: ObjectRecord, numbers: Sequence[int] | None) -> list[GraspRecord]:
-    """The grasps with these numbers, by default all. Raises IndexError for one that the object does not have."""
-    has_grasps = {"grasps", "touch", "vision"} & set(record.stages)
-    grasps = record.grasps if has_grasps else []
-    if numbers is None:
-        return grasps
-    if wrong := [number for number in numbers if not 0 <= number < len(grasps)]:
-        raise IndexError(f"{record.name} has no grasp {wrong[0]}: it has {len(grasps)}, numbered from 0")
-    return [grasps[number] for number in numbers]
-
-
 def _grasp(grasp: GraspRecord) -> dict[str, object]:
-    """The images and readings of a grasp, which the page shows beside the scene."""
+    """The images and readings of a grasp, which the page shows beside the scene, and with what each sensor's link
+    presses the object at rest, if the grasp has a grip."""
     sensors = []
     for number, name in enumerate(grasp.sensors if "touch" in grasp.stages else ()):
         touch = {"touches": grasp.success[number], "points": grasp.point_count[number]}
         picture = {"reading": data_uri(grasp.reading[number]), "colour": sensor_colour(number)}
         sensors.append({"name": name, **picture, **touch})
     shown = {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
-    return shown | {"forces": _forces(grasp), "label": _label(grasp)}
-
-
-def _forces(grasp: GraspRecord) -> str:
-    """With what each sensor's link presses the object at rest; empty for a grasp without a grip."""
     pressed = zip(grasp.sensors, grasp.sensor_force, strict=True) if grasp.has_forces else ()
-    return ", ".join(f"{name} {force:.1f} N" for name, force in pressed)
+    return shown | {"forces": ", ".join(f"{name} {force:.1f} N" for name, force in pressed), "label": _label(grasp)}
 
 
 def _label(grasp: GraspRecord) -> str:
@@ -107,10 +93,9 @@ def _label(grasp: GraspRecord) -> str:
     if "hold" not in grasp.stages:
         return ""
     along = f"{(grasp.held_along == 1).sum()} of {len(grasp.held_along)} directions of gravity"
-    quality = (
-        f"resists any disturbance up to {grasp.wrench_radius:.2f} N; {100 * grasp.cone_margin:.0f} % of friction left"
-    )
-    return f"{'holds' if grasp.held == 1 else 'does not hold'}: {along}; {quality}"
+    quality = f"resists any disturbance up to {grasp.wrench_radius:.2f} N"
+    friction = f"{100 * grasp.cone_margin:.0f} % of friction left"
+    return f"{'holds' if grasp.held == 1 else 'does not hold'}: {along}; {quality}; {friction}"
 
 
 def _frames(grasp: GraspRecord) -> dict[str, Any]:

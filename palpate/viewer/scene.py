@@ -5,7 +5,7 @@ A node is named `<group> <kind> <name>`. Its group is `object`, `grasp-<number>`
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import trimesh
@@ -28,14 +28,11 @@ ROOT = "world"
 # sRGB of the sensors, in their order: Okabe and Ito's colours (2008, Color Universal Design).
 SENSOR_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 POINT_COLOUR = "#9a9a9a"  # of a surface without a mesh
-CAMERA_COLOUR = "#555555"
 CAMERA_LENGTH = 0.12  # m from a camera to the frame that is drawn for it
-FORCE_COLOUR = (0.8, 0.0, 0.0)
 FORCE_LENGTH, FORCE_WIDTH = 0.05, 0.01  # m: length of an arrow for each newton, width of its head
 
 
 def sensor_colour(sensor: int) -> str:
-    """The colour of a sensor by its number, as HTML has it."""
     return SENSOR_COLOURS[sensor % len(SENSOR_COLOURS)]
 
 
@@ -46,19 +43,16 @@ def record_scene(
     presses: Sequence[PressRecord] = (),
 ) -> trimesh.Scene:
     """The scene of an object and some of its grasps and presses; `.export(file_type="glb")` gives the bytes of a file.
-
     Nodes are in the world frame, metres, below a root that turns z up into glTF's y up. What the run does not have
     (meshes, hand, touches) is left out; without meshes the object is its surface points. predictions: meshes in the
-    world frame by the number of the grasp.
-    """
+    world frame by the number of the grasp."""
     scene = trimesh.Scene(base_frame="root")
     scene.graph.update(frame_to=ROOT, frame_from="root", matrix=Y_UP)
     _add_object(scene, record)
     for camera in cameras(record):
         _add(scene, "object camera", _frustum(camera))
     for press in presses:  # with its last force
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = press.rotation, press.position + press.approach[-1] * press.rotation[:, 0]
+        pose = _pose(press.rotation, press.position + press.approach[-1] * press.rotation[:, 0])
         _add(scene, f"press-{press.number} gel sensor", _gel(press.reading[-1], press.sensor.size), pose)
     for grasp in grasps:
         group = f"grasp-{grasp.number}"
@@ -70,8 +64,7 @@ def record_scene(
                 _add(scene, name, _with_colours(shape, drawn.colours), grasp.link_pose[link], geometry=f"link {link}")
         if "touch" in grasp.stages:
             for number, name in enumerate(grasp.sensors):
-                pose = np.eye(4)
-                pose[:3, :3], pose[:3, 3] = grasp.rotation[number], grasp.position[number]
+                pose = _pose(grasp.rotation[number], grasp.position[number])
                 _add(scene, f"{group} gel {name}", _gel(grasp.reading[number], grasp.sensor.size), pose)
                 if len(grasp.points[number]):
                     _add(scene, f"{group} cloud {name}", _cloud(grasp.points[number], sensor_colour(number)))
@@ -79,19 +72,20 @@ def record_scene(
             for slot, pose in enumerate(force_arrows(grasp.frames)[-1]):
                 _add(scene, f"{group} force {slot}", _arrow(), pose, geometry="force")
         if predictions and grasp.number in predictions:
-            mesh = predictions[grasp.number]
-            visual: Any = mesh.visual
-            colours = np.asarray(visual.vertex_colors)[:, :3] / 255
-            _add(scene, f"{group} prediction", _with_colours(mesh.copy(), colours))
+            mesh = predictions[grasp.number].copy()
+            colours = np.asarray(cast(Any, mesh.visual).vertex_colors)[:, :3] / 255
+            _add(scene, f"{group} prediction", _with_colours(mesh, colours))
     return scene
 
 
-def force_arrows(frames: FramesRecord) -> np.ndarray:
-    """Poses (f, n, 4, 4), scaled to size, of arrows along +z from 0 to 1: the forces of the hand on the object.
+def _pose(rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+    return np.block([[rotation, position[:, None]], [np.zeros(3), 1.0]])
 
-    An arrow ends at its contact. n: the most contacts of a frame. Where there is none, or one of the hand with itself,
-    the arrow is too small to be seen.
-    """
+
+def force_arrows(frames: FramesRecord) -> np.ndarray:
+    """Poses (f, n, 4, 4), scaled to size, of arrows along +z from 0 to 1: the forces of the hand on the object. An
+    arrow ends at its contact. n: the most contacts of a frame. Where there is none, or one of the hand with itself, the
+    arrow is too small to be seen."""
     count = frames.contact_count
     slots = np.s_[:, : count.max()]
     shown = (np.arange(count.max()) < count[:, None]) & (frames.contact_other[slots] < 0)
@@ -117,11 +111,9 @@ def _add(
     scene: trimesh.Scene, name: str, shape: trimesh.parent.Geometry, pose: np.ndarray | None = None, geometry: str = ""
 ) -> None:
     """Add a node with a shape; one geometry may have several nodes."""
-    geometry = geometry or name
-    if geometry not in scene.geometry:
-        scene.geometry[geometry] = shape
+    scene.geometry.setdefault(geometry or name, shape)
     matrix = np.eye(4) if pose is None else pose
-    scene.graph.update(frame_to=name, frame_from=ROOT, matrix=matrix, geometry=geometry)
+    scene.graph.update(frame_to=name, frame_from=ROOT, matrix=matrix, geometry=geometry or name)
 
 
 def _add_object(scene: trimesh.Scene, record: ObjectRecord) -> None:
@@ -163,11 +155,10 @@ def _arrow() -> trimesh.Trimesh:
     shaft = trimesh.creation.cylinder(0.15, segment=np.array([[0, 0, 0], [0, 0, 0.75]]), sections=12)
     head = trimesh.creation.cone(0.5, 0.25, sections=16).apply_translation((0, 0, 0.75))
     arrow = shaft + head
-    return _with_colours(arrow, np.tile(np.array(FORCE_COLOUR), (len(arrow.vertices), 1)))
+    return _with_colours(arrow, np.tile([0.8, 0.0, 0.0], (len(arrow.vertices), 1)))
 
 
 def _cloud(points: np.ndarray, colour: str) -> trimesh.PointCloud:
-    """Points (n, 3) of one HTML colour."""
     colours = np.tile(_linear_bytes(colour), (len(points), 1))
     return trimesh.PointCloud(np.asarray(points, dtype=np.float32), colors=colours)
 
@@ -179,7 +170,7 @@ def _frustum(camera: Camera) -> trimesh.path.Path3D:
     centre, frame = camera.position, camera.position + corners @ camera.rotation.T
     edges = [*([centre, corner] for corner in frame), *zip(frame, np.roll(frame, 1, 0), strict=True)]
     path = trimesh.load_path(np.array(edges))
-    path.colors = np.tile(_linear_bytes(CAMERA_COLOUR), (len(path.entities), 1))
+    path.colors = np.tile(_linear_bytes("#555555"), (len(path.entities), 1))
     return path
 
 
