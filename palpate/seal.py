@@ -61,7 +61,6 @@ class Seal:
 
     @property
     def made_from(self) -> dict[str, Any]:
-        """Inputs and config, as `write` takes them."""
         return {"inputs": dict(self.inputs), "config": dict(self.config)} if self.inputs or self.config else {}
 
     @cached_property
@@ -97,7 +96,6 @@ class Seal:
         return join_first(lines)
 
     def refusal(self, difference: str) -> str:
-        """The error message about a difference."""
         return f"{self.path} was made {difference}; {rebuild_advice(self.path)}"
 
 
@@ -108,7 +106,6 @@ def size_and_sha256(path: Path | str) -> list[Any]:
 
 
 def measured(content: bytes) -> list[Any]:
-    """Number of bytes and SHA-256 of what is in memory."""
     return [len(content), hashlib.sha256(content).hexdigest()]
 
 
@@ -194,7 +191,6 @@ def verify(path: Path | str) -> Seal:
 
 
 def damaged(path: Path, problem: str) -> DamagedFile:
-    """The error about an output whose files are not as they were written."""
     remedy = rebuild_advice(path, str(path) if path.is_dir() else "it")
     return DamagedFile(f"{path} is damaged: {problem}; {remedy}")
 

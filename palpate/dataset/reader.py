@@ -1,9 +1,4 @@
-"""A run's dataset: every store, joined over batches, read lazily.
-
-dataset = palpate.Dataset("results/default")
-grasp = dataset["bottle-0007"].grasps[0]
-grasp.reading, grasp.success, grasp.points
-"""
+"""A run's dataset: every store, joined over batches, read lazily; its objects, and their grasps, frames and presses."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -101,12 +96,10 @@ class JoinedArray(Sequence):
 
 class Dataset(Sequence):
     """The objects of a run, by name, number, split or class; nothing but their names is read on opening.
-
     run: the run's folder, `results/<run>`. stages: those that the objects must have come through (`meshes`, or one with
     a store); by default what the target `dataset` builds. An object is omitted if one of these, or of those that they
     read, rejected it. Asking for an array of a stage that has not been built raises StoreError with the command that
-    builds it. Raises ValueError for an unknown stage.
-    """
+    builds it. Raises ValueError for an unknown stage."""
 
     def __init__(self, run: Path | str, stages: Iterable[str] = DATASET_STAGES):
         self._run = Run(run)
@@ -211,10 +204,9 @@ class Dataset(Sequence):
     def grasps(
         self, split: str | None = None, arrays: Iterable[str] | None = None, camera: int | None = 0
     ) -> GraspDataset:
-        """All grasps as a map-style dataset of dictionaries, for `torch.utils.data.DataLoader` as it is.
-        split: train, validation or test; all by default. arrays: which to read, by their names in the dictionaries; all
-        by default. camera: whose images are read; None for those of all, with an axis k. See
-        `palpate.dataset.GraspDataset`."""
+        """All grasps as a map-style dataset of dictionaries, for `torch.utils.data.DataLoader` as it is. split: train,
+        validation or test; all by default. arrays: which to read, by their names in the dictionaries; all by default.
+        camera: whose images are read; None for those of all, with an axis k. See `palpate.dataset.GraspDataset`."""
         entries = (self if split is None else self.split(split))._entries.values()
         return GraspDataset(self._run, entries, self._required, arrays, camera)
 

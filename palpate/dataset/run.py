@@ -16,8 +16,7 @@ from palpate.rebuild_command import BATCHES, RECORD, REJECTED, rebuild_advice, r
 from palpate.seal import DamagedFile, Seal
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STORES, RELEASED, STAGES
-from palpate.store.contract import CONTRACT
-from palpate.store.errors import reading
+from palpate.store.contract import CONTRACT, reading
 from palpate.store.files import Store, StoreError
 
 # Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reading.py).
@@ -113,7 +112,6 @@ class Run:
         return (self.folder / path).exists()
 
     def rejected(self, stages: Iterable[str] | None = None) -> set[str]:
-        """Objects rejected so far, at some stages or at any."""
         return {row["object"] for row in self.rejections(stages=stages)}
 
     def require_config(self, path: Path) -> None:
@@ -131,7 +129,6 @@ class Run:
         return {name: entry for name, entry in self.catalogue.items() if name not in rejected}
 
     def has(self, stage: str) -> bool:
-        """Whether any batch of this stage is there."""
         return any((self.folder / CONTRACT[stage].path(batch)).exists() for batch in self.batches)
 
     def store(self, stage: str, batch: str) -> Store:

@@ -78,7 +78,6 @@ class _Batch:
             self.open(stage)
 
     def add(self, check: str, store: str, value: float, object: str = "", where: str = "") -> None:
-        """Add one finding."""
         value, limit = float(value), float(self.limits[check])
         self.findings.append(Finding(check, store, self.name, object, where, value, limit))
 
@@ -139,7 +138,6 @@ class _Batch:
         self.add("objects", stage, len({*expected} ^ {*found}) or found != expected, where=wrong)
 
     def check_empty_reading(self, sensor: Sensor) -> None:
-        """The stored empty reading equals that of the sensor."""
         # Whether a store without objects is of pressed gels, it does not say.
         for stage in [name for name in ("touch", "press") if self.objects.get(name)]:
             with self.reading(stage):
@@ -149,7 +147,6 @@ class _Batch:
                 self.add("empty reading", stage, np.abs(stored - expected).max() if same else np.inf)
 
     def check_object(self, name: str, hand: Hand | None, sensor: Sensor) -> None:
-        """Everything about one object."""
         item = CheckedObject({}, self.run.folder / "meshes" / self.name / name, hand, sensor)
         try:
             self.measure("meshes", name, checks.check_mesh(item))
@@ -231,20 +228,6 @@ def outputs(run: Path) -> Iterator[Path]:
                 yield path
 
 
-def _check_outputs(run: Run, paths: Iterable[Path]) -> Iterator[Finding]:
-    """Whether files of a run are as they were written, and made from what the run has now."""
-    damaged, outdated, digest_of = [], [], cache(run.digest)
-    for path in paths:
-        batch = path.stem.removesuffix(".facts")
-        damage, difference, _ = look_at(run, path, digest_of)
-        if damage and path.exists():  # what was removed is built again
-            damaged.append(damage)
-        if difference and not (batch.startswith("batch-") and batch not in run.batches):  # of an earlier config
-            outdated.append(difference)
-    for check, found in (("tables", damaged), ("made from", outdated)):
-        yield _of_run(check, "run", found)
-
-
 def validate_batch(
     run: Path | str,
     batch: str,
@@ -278,7 +261,6 @@ def write_findings(path: Path | str, findings: Iterable[Finding], made_from: Mad
 
 
 def read_findings(path: Path | str) -> list[Finding]:
-    """The findings that `write_findings` wrote."""
     rows = ([row[name] for name in Finding._fields] for row in read_rows(path, Finding._fields))
     return [Finding(*words, value=float(value), limit=float(limit)) for *words, value, limit in rows]
 
@@ -343,12 +325,20 @@ def combine_validation(
     worst, limit, passed, where (what failed: object, grasp, sensor)."""
     import pandas as pd
 
-    run = Path(run)
+    run, opened = Path(run), Run(run)
+    damaged, outdated, digest_of = [], [], cache(opened.digest)
+    for path in [run / "catalogue.csv", run / "rejected.csv"] if files is None else files:
+        batch = path.stem.removesuffix(".facts")
+        damage, difference, _ = look_at(opened, path, digest_of)
+        if damage and path.exists():  # what was removed is built again
+            damaged.append(damage)
+        if difference and not (batch.startswith("batch-") and batch not in opened.batches):  # of an earlier config
+            outdated.append(difference)
     catalogue = read_catalogue(run / "catalogue.csv")
     twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)
     of_run = [
         _of_run("one split", "catalogue", {*twice, *(each.object for each in catalogue if each.split not in SPLITS)}),
-        *_check_outputs(Run(run), [run / "catalogue.csv", run / "rejected.csv"] if files is None else files),
+        *(_of_run(check, "run", found) for check, found in {"tables": damaged, "made from": outdated}.items()),
     ]
     if sources is not None:
         of_run.append(_check_sources(run, catalogue, Path(sources)))

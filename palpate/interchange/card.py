@@ -16,10 +16,9 @@ from packaging import licenses
 from palpate import __version__
 from palpate.catalogue import SPLITS
 from palpate.configuration import nearest
-from palpate.dataset import Dataset
 from palpate.dataset.summary import kind_of_reason
 from palpate.hand import Hand
-from palpate.interchange.items import Contents, versions
+from palpate.interchange.layouts import Contents, versions
 from palpate.store.contract import FRAMES
 from palpate.store.files import StoreError
 
@@ -66,9 +65,12 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
     environment = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     environment.filters["escaped"] = escaped
     checks = _rows(dataset.folder / "reports/validation.csv")
+    counts = Counter((record.class_name, record.split) for record in dataset)
+    rows = [[escaped(name), *(counts[name, split] for split in SPLITS)] for name in dataset.classes]
     reasons = Counter((row["stage"], without_folders(kind_of_reason(row["reason"]))) for row in dataset.rejections())
     tables = map(_rows, dataset.folder.glob("reports/validation/*.csv"))
-    checked = {(row["store"], row["batch"], row["where"]) for rows in tables for row in rows if row["check"] == "files"}
+    files = (row for table in tables for row in table if row["check"] == "files")
+    checked = {(row["store"], row["batch"], row["where"]) for row in files}
     text = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         **contents._asdict() | {"layout": layout.name, "splits": list(SPLITS), "grasps": contents.grasps},
         header=yaml.safe_dump(header, sort_keys=False),
@@ -78,7 +80,7 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
         frames=FRAMES,
         parts=os.listdir(path.parent),
         kind=config.get("source", {}).get("kind", "unknown"),
-        counts=_counts(dataset),
+        counts=[*rows, ["all", *(len(dataset.split(split)) for split in SPLITS)]],
         figures=sorted(figure.name for figure in path.parent.glob("figures/*.png")),
         versions=versions(dataset),
         commit=_commit(dataset.folder / "last_run.json"),
@@ -125,12 +127,6 @@ def _commit(path: Path) -> str:
         return json.loads(path.read_text(encoding="utf-8")).get("commit", "") if path.is_file() else ""
     except ValueError:
         raise StoreError(f"{path} is damaged; remove it: the next start of the run writes it again") from None
-
-
-def _counts(dataset: Dataset) -> list[list[Any]]:
-    counts = Counter((record.class_name, record.split) for record in dataset)
-    rows = [[escaped(name), *(counts[name, split] for split in SPLITS)] for name in dataset.classes]
-    return [*rows, ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]]
 
 
 def _arrays(contents: Contents) -> list[list[Any]]:

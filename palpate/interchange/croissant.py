@@ -16,7 +16,7 @@ import jinja2
 
 from palpate import __version__
 from palpate.interchange.card import licence_url
-from palpate.interchange.items import CARD, TEXT, Contents, pictures, versions
+from palpate.interchange.layouts import CARD, TEXT, Contents, pictures, versions
 from palpate.seal import Files
 
 TEMPLATE = Path(__file__).with_name("croissant.json.jinja")
@@ -34,15 +34,17 @@ LAYOUTS = {
     "parquet": ("", "", "sc:Text"),
     "zarr": ("application/vnd.zarr", "*.zarr/{}/**", ""),
 }
-# Columns of the tables that are not text, and those that tell rows apart.
-NUMBERS = ("sample", "grasp", "press")
 KEYS = {"objects.csv": "object", "grasps.csv": "sample", "presses.csv": "sample"}
 
 
 def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
     """Write the description of an export whose files are in `manifest`, without a date."""
     top = [name for name in manifest if "/" not in name and Path(name).suffix in FILES]
-    files = [_file(name, *manifest[name]) for name in top]
+    files: list[dict[str, Any]] = []
+    for name in top:
+        size, digest = manifest[name]
+        stated = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": FILES[Path(name).suffix]}
+        files.append({"@type": "cr:FileObject", "@id": name, "name": name, **stated, "sha256": digest})
     files += [_set(name, media, names) for name, (media, names) in SETS.items() if fnmatch.filter(manifest, names)]
     sets = [_table(path.parent / name, key) for name, key in KEYS.items() if name in manifest]
     files_of_arrays, sets_of_arrays = _arrays(contents, [name for name in top if name.endswith(".tar")])
@@ -54,11 +56,6 @@ def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
     described |= {"distribution": files + files_of_arrays, "recordSet": sets + sets_of_arrays}
     text = json.dumps(described, indent=1).replace("<", "\\u003c")  # ends no script element of a page that has it
     path.write_text(text + "\n", encoding="utf-8")
-
-
-def _file(name: str, size: int, digest: str) -> dict[str, Any]:
-    stated = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": FILES[Path(name).suffix]}
-    return {"@type": "cr:FileObject", "@id": name, "name": name, **stated, "sha256": digest}
 
 
 def _set(name: str, encoding: str, includes: str, archives: Sequence[str] = ()) -> dict[str, Any]:
@@ -98,7 +95,7 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
 def _table(path: Path, key: str) -> dict[str, Any]:
     with path.open(encoding="utf-8", newline="") as file:
         columns = next(csv.reader(file))
-    types = {name: "sc:Integer" if name in NUMBERS else "sc:Text" for name in columns}
+    types = {name: "sc:Integer" if name in ("sample", "grasp", "press") else "sc:Text" for name in columns}
     return _records(path.stem, [_field(path.stem, name, types[name], path.name, column=name) for name in columns], key)
 
 

@@ -21,8 +21,7 @@ from palpate.dataset import Dataset, ObjectRecord
 from palpate.hand import Hand
 from palpate.interchange.card import spdx, write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import CARD, Contents, png, samples_by_split
-from palpate.interchange.layouts import FORMATS
+from palpate.interchange.layouts import CARD, FORMATS, Contents, png, samples_by_split
 from palpate.mesh import mesh_file
 from palpate.store.contract import CONTRACT, FRAMES, UNITS
 from palpate.store.files import StoreError

@@ -95,7 +95,6 @@ def require_intact(path: Path | str) -> None:
 
 
 def experiment_of(content: Mapping[str, Any]) -> Experiment:
-    """The experiment that a checkpoint's content states."""
     return Experiment.from_row(str(content.get("name") or "").partition("/")[0], content["experiment"])
 
 
@@ -149,7 +148,7 @@ def require_sensor(
 
 
 def load_touch_depth(path: Path | str) -> TouchDepth:
-    """The trained U-Net in evaluation mode, on the CPU; raises CheckpointError as `load` does."""
+    """The trained U-Net in evaluation mode, on the CPU; raises as `load`."""
     content = read(path, "touch_depth")
     return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 

@@ -196,7 +196,6 @@ def points_on(vertices: Tensor, faces: Tensor, count: int, name: str) -> Tensor:
 
 
 def row_of(trained: Trained, data: ExperimentData, sample: Sample) -> dict[str, Any]:
-    """The columns of evaluations that say what a sample is."""
     return {
         "experiment": trained.experiment.name,
         "seed": trained.seed,
@@ -212,8 +211,8 @@ def evaluate_touch(
     model: TouchDepth, steps: int, dataset: Dataset, points: int = POINTS, splits: Sequence[str] = SPLITS
 ) -> pd.DataFrame:
     """Score the local predictions at every successful touch of some splits: `rows.TOUCH_COLUMNS`. `cloud` is the
-    Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels whose reading differs from the untouched one, at the
-    predicted depth) to the true one; `chart` that of `points` sampled on the touch chart that was fitted to it.
+    Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels whose reading differs from the untouched one,
+    at the predicted depth) to the true one; `chart` that of `points` sampled on the touch chart that was fitted to it.
     model: in evaluation mode, on any device; steps: those it was trained for. dataset: the run's, with its stores of
     touch and charts. Raises EvaluationError if these splits have no successful touch; CheckpointError if they are of
     another sensor."""

@@ -49,7 +49,6 @@ class ReconstructionSettings(Settings):
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> "ReconstructionSettings":
-        """The settings in the form that `row` gives (Snakemake's params)."""
         return cls(**{**row, "architecture": Architecture.from_row(row["architecture"])})
 
 
@@ -66,7 +65,6 @@ class Recipe:
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> "Recipe":
-        """The recipe as the file has it, and as `row` gives it (Snakemake's params)."""
         return cls(**{**row, "touch_depth": TouchDepthSettings(**row["touch_depth"])})
 
     @classmethod

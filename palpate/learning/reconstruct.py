@@ -100,8 +100,7 @@ def reconstruct(
     Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are, touch charts
     in another colour. Without any successful touch there is a warning: the model only knows where sensors are. Raises
     ReconstructionError for a model that is not there, a missing image or touch, and values of another shape or not
-    finite. For many objects, make one `Reconstructor`.
-    """
+    finite. For many objects, make one `Reconstructor`."""
     return Reconstructor(model, device)(image, touches, camera, silhouette).mesh()
 
 

@@ -121,9 +121,8 @@ def ring_points(
 def project_batch(
     touch: Path | str, surface: Callable[[str, Sensor], MeshSurface | CloudSurface]
 ) -> dict[str, np.ndarray]:
-    """The arrays of a batch's rings store: rings around every successful touch.
-    touch: the batch's touch store; surface: from an object's name and the sensor to what its rings are projected
-    onto."""
+    """The arrays of a batch's rings store: rings around every successful touch. touch: the batch's touch store;
+    surface: from an object's name and the sensor to what its rings are projected onto."""
     touches = store.read(touch, "object", "success", "position", "rotation")
     kind = Sensor.from_description(cast(Mapping[str, Any], store.open(touch).attributes["sensor"]))
     names, success = touches["object"], touches["success"]

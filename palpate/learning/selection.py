@@ -1,9 +1,7 @@
 """Which grasp next: errors after each of some grasps that a strategy chooses one by one among those stored.
 
-A strategy gives each grasp a score, from those chosen so far; the next is the one with the largest. `random` takes them
-in a random order, `farthest` the one whose fingertips are farthest from those before, `uncertainty` the one where the
-posterior variance of the model's correction is largest, and `oracle` the one that leaves the least error. Where the
-fingertips of stored grasps are is known to all, what they touch to the oracle only.
+A strategy gives each grasp a score, from those chosen so far; the next has the largest (docs/evaluation.md).
+Where the fingertips of stored grasps are is known to all strategies, what they touch to the oracle only.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -23,8 +23,7 @@ from palpate.released.pickles import load_plain
 log = logging.getLogger(__name__)
 
 SPLITS = {"train": "train", "valid": "validation", "test": "test"}  # their names and ours
-EMPTY_READING = "empty_gel.npy"
-SURFACES, IMAGES, SCENES = "surfaces", "images", "scene_info"
+EMPTY_READING, SURFACES, IMAGES, SCENES = "empty_gel.npy", "surfaces", "images", "scene_info"
 
 
 class ReleasedObject(NamedTuple):

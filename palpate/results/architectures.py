@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 from palpate.architectures import PAPER_ARCHITECTURES
 from palpate.camera import IMAGE_SIZE
 from palpate.experiments import Experiment
-from palpate.results import products, published
+from palpate.results import products
+from palpate.results.published import paper_rows
 from palpate.touch.sensor import RESOLUTION
 from palpate.vision.views import SIZE as VIEW_SIZE
 
@@ -115,10 +116,9 @@ def compare(model: str, rows: list[dict[str, str]]) -> DataFrame:
     contradicts itself: `note` says how, and the module is as it says), or `differs`. `attrs["note"]` counts them."""
     from pandas import DataFrame
 
-    paper, known, live = (
-        {row["index"]: row for row in listed}
-        for listed in (paper_rows("architectures", model), paper_rows("contradictions", model), rows)
-    )
+    files = ("architectures", "contradictions")  # in the supplement's table "..." is written out
+    papers = [[row for row in paper_rows(file) if row["model"] == model] for file in files]
+    paper, known, live = ({row["index"]: row for row in listed} for listed in (*papers, rows))
     table = []
     for index in dict.fromkeys([*paper, *live]):
         published, measured, remark = (listed.get(index, {}) for listed in (paper, live, known))
@@ -163,11 +163,5 @@ def architecture(model: str) -> DataFrame:
     return compare(model, read_layers(module, torch.rand(1, 3, size, size) if layers.encoder else None))
 
 
-def paper_rows(file: str, model: str) -> list[dict[str, str]]:
-    """A model's rows of `architectures` (the supplement's table, "..." written out) or of `contradictions`."""
-    return [row for row in published.paper_rows(file) if row["model"] == model]
-
-
-def _same(one: Mapping[str, str], other: Mapping[str, str]) -> bool:
-    """Whether two rows are equal but for the order of their inputs."""
+def _same(one: Mapping[str, str], other: Mapping[str, str]) -> bool:  # but for the order of inputs
     return all(sorted(one[field].split()) == sorted(other[field].split()) for field in FIELDS)

@@ -62,10 +62,8 @@ def interval(
     Of n objects (or k seeds) n - 1 are drawn, so that the variance of a mean of few is unbiased (McCarthy and Snowden
     1985). The interval is Student's on the bootstrap's standard error (Efron and Tibshirani 1993, section 12.2), with
     Welch's and Satterthwaite's degrees of freedom (see `SEEDS_WEIGHT`). With one seed it is over objects only. A class
-    with one object shows no spread, and the interval is (nan, nan).
-
-    Raises ValueError if the arrays do not fit each other, hold no object, or are not finite.
-    """
+    with one object shows no spread, and the interval is (nan, nan). Raises ValueError if the arrays do not fit each
+    other, hold no object, or are not finite."""
     from scipy.special import stdtrit
 
     values, classes = _checked(values, classes)

@@ -1,11 +1,11 @@
 """The paper's claims that a number can decide, and a run's verdict on each, for the paper's method and for ours.
 
 `paper/claims.csv` has a row a claim: the sentence, and where the paper makes it; the `group` of claims that say the
-same of several set-ups; the split and the table whose experiments decide it; `experiments`, whose averages the statistic
-takes, in order, with "; " between (`published.Term`; of our methods those in their place: `published.exchanged`); and
-the statistic, a name in `STATISTICS` with its numbers, which must be negative. The claim holds if the whole 95 %
-interval is below zero, does not if all of it is above, and is undecided otherwise; it is undecided too if two seeds
-differ by more than the number. Where a statistic has bounds, these must be negative instead, all of them.
+same of several set-ups; the split and the table whose experiments decide it; `experiments`, whose averages the
+statistic takes, in order, with "; " between (`published.Term`; of our methods those in their place:
+`published.exchanged`); and the statistic, a name in `STATISTICS` with its numbers, which must be negative. The claim
+holds if the whole 95 % interval is below zero, does not if all of it is above, and is undecided otherwise; it is
+undecided too if two seeds differ by more than the number. Bounds of a statistic must be negative instead, all of them.
 
 Two limits come from the paper's own numbers. "Approximately the same loss at every plane size" (section 5.3) is
 `change 0.3`: the paper's vision-only errors change by -28 % and -15 % from ring 1 to ring 5. "Practically perfect, when

@@ -55,10 +55,7 @@ STEPS = (
 def data_point(dataset: Dataset, path: Path | str) -> None:
     """One data point: the camera's image of the object alone, and of the object in the hand; what the touch sensors
     read (faded where a sensor touched nothing); and the touched points on the object, in the colours of their readings
-    (faint where the object hides them from the camera).
-
-    The grasp is the one that `example_grasp` picks.
-    """
+    (faint where the object hides them from the camera)."""
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
@@ -71,8 +68,7 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
     (faded where a sensor touched nothing), and the touched points on the object, in the colours of their readings
     (faint where the object hides them from the camera).
 
-    A row an object, each with another of its grasps: the first object's first, the second's second, ...
-    """
+    A row an object, each with another of its grasps: the first object's first, the second's second, ..."""
     objects = dataset.of_class(class_name).objects if class_name in dataset.classes else []
     if not objects:
         return save_sentence(f"No usable object of class {class_name} in this run", path)
@@ -84,10 +80,7 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
 def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
     """The steps of a grasp: the object; the hand, loaded open; its palm placed tangent to a random point of the
     surface, at a random distance and turned at random; its fingers, driven towards the surface by inverse kinematics,
-    stopped by contact. Steps 3 and 4 are a stored grasp, the same as the data point's.
-
-    threads: of the CPU, samples: a pixel, for the renderer.
-    """
+    stopped by contact. Steps 3 and 4 are a stored grasp, the same as the data point's."""
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
@@ -105,15 +98,13 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: i
     form="gif", stores=("surface", "grasps", "touch", "frames", "vision"), category="Dataset", simulated=True
 )
 def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
-    """A closing hand, with what its sensors read, slowed down: frames of the grasp of the data point.
-
-    threads: of the CPU, samples: a pixel, for the renderer; a frame, which passes in a moment, gets a quarter of them.
-    """
+    """A closing hand, with what its sensors read, slowed down: frames of the grasp of the data point."""
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
     frames, pages = grasp.frames, []
     chosen = _evenly(len(frames.time), FRAMES)
+    # A frame, which passes in a moment, gets a quarter of the samples.
     _, *pictures = rendered(grasp, frames.link_pose[chosen], PIXELS, max(samples // 4, 1), threads)
     figure, ((picture, *readings),) = picture_grid(["0.00 s"], ("", *(grasp.sensors if frames.has_touch else ())))
     for number, image in zip(chosen, pictures, strict=True):

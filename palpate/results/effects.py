@@ -1,8 +1,7 @@
 """What touch, grasps, copying and communication change: differences of two experiments, with their verdicts.
 
-`paper/effects.csv` has a row a difference: what it shows, the experiment, and the one that it is compared with, each as
-a `published.Term`. For our methods those that take the place of the paper's are compared (`published.exchanged`).
-`docs/evaluation.md` says what a finding is.
+`paper/effects.csv` has a row a difference: what it shows, and two `published.Term`. For our methods those in the
+place of the paper's are compared (`published.exchanged`). `docs/evaluation.md` says what a finding is.
 """
 
 from __future__ import annotations
@@ -24,9 +23,7 @@ from palpate.results.published import effects, stated
 if TYPE_CHECKING:
     from pandas import DataFrame as Frame
 
-# The verdict by the sign of a finding, and what stands behind it where a single seed was trained.
-VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}
-ONE_SEED = " (one seed)"
+VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}  # by the sign of a finding
 
 
 @products.table(evaluations="effects", splits=("validation", "test"))
@@ -92,7 +89,7 @@ def _difference(
         **percent.columns("percent"),
         **{f"percent_{name}": _percent(known, row) for name, known in {"paper": paper, "abc": abc}.items()},
         "between_seeds": spread,
-        "verdict": VERDICTS[sign] + (ONE_SEED if sign and sizes["seeds"] == 1 else ""),
+        "verdict": VERDICTS[sign] + (" (one seed)" if sign and sizes["seeds"] == 1 else ""),
         **sizes,
     }
 

@@ -62,7 +62,6 @@ def posed_geoms(hand: Hand, link_pose: np.ndarray) -> list[tuple[np.ndarray, np.
 
 
 def _draw_hand(axes: Axes3D, hand: Hand, sensor: Sensor) -> None:
-    """The open hand in the palm's frame, and every sensor's axes, gel and range."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     links = hand.forward(np.eye(4), hand.open_joint_positions)

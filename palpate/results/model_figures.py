@@ -50,9 +50,7 @@ MODELS = {
     "template_touch_any": ("touch only", (1, 2, 3, 4, 5)),
 }
 CLAY = (0.93, 0.92, 0.90)  # sRGB of a surface without its materials
-POINT = 0.004  # m, radius of a surface point, where there is no mesh
-SAMPLES = 16
-PIXELS = 360
+SAMPLES, PIXELS = 16, 360
 MARGIN = 1.06  # of a row's window, times what is in it
 
 
@@ -80,8 +78,8 @@ def draw(path: Path | str) -> None:
     axes: Any = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho")
     style = {"edgecolors": INK, "linewidths": 0.35, "shade": True, "lightsource": LightSource(200, 40)}
     axes.add_collection3d(Poly3DCollection(corners[shown], facecolors=colours[shown], **style))
-    reach = ATLAS_RADIUS * (1 + EXPLOSION)
-    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
+    reach = np.array([-1, 1]) * ATLAS_RADIUS * (1 + EXPLOSION)
+    axes.set(xlim=reach, ylim=reach, zlim=reach)
     axes.set_box_aspect((1, 1, 1), zoom=1.6)
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
     axes.set_axis_off()
@@ -98,8 +96,7 @@ def local_predictions(dataset: Dataset, touch_depth: Path | str, path: Path | st
     """Local predictions of the first test object of every class: the widest touch of each of two grasps. The reading;
     the true cloud of the touch site; the cloud that the U-Net predicts from the reading, at the pixels that differ from
     the untouched reading; and the touch chart fitted to it. Seen from the sensor's side; the bottom of the reading is
-    in front. Colours are depths, the same in a row: dark is near to the sensor.
-    """
+    in front. Colours are depths, the same in a row: dark is near to the sensor."""
     from palpate.charts import touch_chart
     from palpate.learning.reconstruct import GraspTouches, TouchCharts
 
@@ -338,6 +335,6 @@ def coloured(shape: Shape) -> Mesh:
 def clay(record: ObjectRecord) -> Mesh:
     """The object's own surface, in clay; points of it for a dataset without meshes."""
     if not (record.mesh / "visual.glb").exists():
-        return spheres(record.points, POINT, CLAY, segments=1)
+        return spheres(record.points, radius=0.004, colours=CLAY, segments=1)
     mesh = load_visual(record.mesh)
     return Mesh(mesh.vertices + OBJECT_POSITION, mesh.faces, np.array(CLAY))

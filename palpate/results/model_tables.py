@@ -330,7 +330,6 @@ def ratio_columns(label: str, measured: Errors, one: str, other: str, resamples:
 
 
 def size_columns(measured: Errors, *names: str) -> dict[str, Any]:
-    """Columns with the data behind a row's numbers: objects, seeds, steps."""
     low = min(measured.steps[name][0] for name in names)
     high = max(measured.steps[name][1] for name in names)
     return {
@@ -341,7 +340,6 @@ def size_columns(measured: Errors, *names: str) -> dict[str, Any]:
 
 
 def frame_of(rows: list[dict], classes: Iterable[str]) -> Frame:
-    """The rows as a table, without the paper's columns if none of the classes is the paper's."""
     from pandas import DataFrame as Frame
 
     return without_paper(Frame(rows), classes).astype({"objects": "Int64", "seeds": "Int64"})

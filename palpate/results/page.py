@@ -86,7 +86,6 @@ def save(figure: Figure, path: Path | str) -> None:
 
 
 def figure_image(figure: Figure) -> Image:
-    """A figure as an image, RGB."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 

@@ -62,13 +62,11 @@ class Product:
             raise ValueError("its docstring, whose first paragraph is the caption, is missing")
 
     @property
-    def caption(self) -> str:
-        """The first paragraph of its function's docstring, in one line."""
+    def caption(self) -> str:  # the first paragraph of its function's docstring, in one line
         return " ".join((inspect.getdoc(self.function) or "").split("\n\n")[0].split())
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of its function's parameters."""
         return tuple(inspect.signature(self.function).parameters)
 
     @property

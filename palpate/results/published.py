@@ -46,7 +46,6 @@ class Term(NamedTuple):
 
 
 def terms(cell: str) -> tuple[Term, ...]:
-    """The terms of a cell, with "; " between."""
     return tuple(Term(*term.split()) for term in cell.split("; "))
 
 

@@ -90,8 +90,7 @@ def _text(value: Any) -> str:
 
 
 def _number(table: DataFrame, name: str, *numbers: float) -> str:
-    """A number, its interval and its median with the table's decimals; with three significant digits where it has none.
-    numbers: value, low, high, median; what is nan is left out."""
+    """numbers: value, low, high, median; what is nan is left out."""
     decimals = table.attrs.get("exact", {}).get(name.removesuffix("_paper"), table.attrs["decimals"])
     form = ".3g" if decimals is None else f".{decimals}f"
     value, low, high, median = (MISSING if math.isnan(number) else format(number, form) for number in numbers)

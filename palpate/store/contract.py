@@ -7,11 +7,16 @@ symbols, and `<name>:<length>` for axes that their symbol does not name.
 """
 
 import csv
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
 
 import yaml
 
+from palpate.rebuild_command import rebuild_advice
+from palpate.seal import DamagedFile
 from palpate.stages import STAGES, Stage
 
 SCHEMA_VERSION = 7
@@ -22,6 +27,23 @@ _FOLDER = resources.files("palpate.store")
 _TERMS = yaml.safe_load(_FOLDER.joinpath("contract.yaml").read_text(encoding="utf-8"))
 SYMBOLS, UNITS, FRAMES = _TERMS["symbols"], _TERMS["units"], _TERMS["frames"]
 DIMENSIONS = _TERMS["dimensions"]
+
+
+class StoreError(ValueError):
+    """A store, or arrays to be written, violate the contract; the message names the file."""
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Context in which any error of a library that reads a store becomes a StoreError, naming file and remedy."""
+    try:
+        yield
+    except (StoreError, IndexError, PermissionError):  # not about what the file holds
+        raise
+    except DamagedFile as error:
+        raise StoreError(str(error)) from None
+    except Exception as error:
+        raise StoreError(f"{path} can't be read ({type(error).__name__}: {error}); {rebuild_advice(path)}") from error
 
 
 @dataclass(frozen=True)
@@ -98,7 +120,6 @@ class StoreSpec:
         return (*self.attributes, "schema_version", "stage", "units", "frames", "versions")
 
     def path(self, batch: str) -> str:
-        """Path of one batch's store in the run's folder."""
         return self.stage.path(batch)
 
 

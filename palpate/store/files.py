@@ -21,8 +21,7 @@ from palpate.configuration import ConfigError
 from palpate.rebuild_command import rebuild_advice, rebuild_command
 from palpate.seal import MadeFrom, Seal, with_output
 from palpate.sensor import Sensor
-from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
-from palpate.store.errors import StoreError, reading
+from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreError, StoreSpec, reading
 from palpate.store.hdf5_file import Hdf5File, write_hdf5
 from palpate.store.zarr_files import ZarrFiles, write_zarr
 
@@ -158,7 +157,6 @@ class Store:
 
     @cached_property
     def rows(self) -> dict[str, int]:
-        """Row of each object."""
         return {str(name): row for row, name in enumerate(self.get("object"))}
 
     def names(self) -> list[str]:

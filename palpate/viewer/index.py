@@ -129,7 +129,6 @@ def spread(records: Iterable[ObjectRecord], most: int) -> list[ObjectRecord]:
 
 
 def _table(heads: Sequence[str], rows: Iterable[Iterable[Any]], **other: Any) -> Table:
-    """A table of cells, texts and numbers."""
     rows = list(rows)
     return Table(heads, [[_cell(value) for value in row] for row in rows[:MOST_ROWS]], len(rows), **other)
 
@@ -150,7 +149,6 @@ def _text(path: Path) -> str:
 
 
 def _marked(text: str) -> Markup:
-    """A text of ours, with code between backticks."""
     return Markup(re.sub(r"(`+)(.+?)\1", r"<code>\2</code>", str(escape(text))))
 
 
@@ -162,7 +160,6 @@ def _files(folder: Path, kind: str, suffix: str) -> list[tuple[str, Path]]:
 
 
 def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
-    """A table of results: the cells and the note of its Markdown."""
     lines = _text(path).splitlines()
     cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in lines if line.startswith("|")]
     if len(cells) < 2:
@@ -221,7 +218,6 @@ def _is_current(page: Path, record: ObjectRecord) -> bool:
 
 
 def _stores(record: ObjectRecord, stages: Iterable[str]) -> list[Path]:
-    """The stores of an object's batch, whether they are there or not."""
     return [record.mesh.parents[2] / STAGES[stage].path(record.batch) for stage in stages]
 
 
