@@ -216,6 +216,7 @@ class Run:
             if row["object"] == entry.object:
                 reason = f"was rejected at {row['stage']}: {row['reason']}"
                 why = f"{reason}; open the dataset with this stage to omit it"
+                break
         raise StoreError(f"{store.path} does not hold {entry.object}, which {why}")
 
     def grasps(self, entry: CatalogueEntry) -> int:
