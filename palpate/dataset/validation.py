@@ -262,7 +262,10 @@ def write_findings(path: Path | str, findings: Iterable[Finding], made_from: Mad
 
 def read_findings(path: Path | str) -> list[Finding]:
     rows = ([row[name] for name in Finding._fields] for row in read_rows(path, Finding._fields))
-    return [Finding(*words, value=float(value), limit=float(limit)) for *words, value, limit in rows]
+    return [
+        Finding(check, store, batch, name, where, float(value), float(limit))
+        for check, store, batch, name, where, value, limit in rows
+    ]
 
 
 def check_again(

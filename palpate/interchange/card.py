@@ -25,7 +25,6 @@ from palpate.store.files import StoreError
 TEMPLATE = Path(__file__).with_name("card.md.jinja")
 # Number of samples below which Hugging Face has a name, and that name.
 SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7: "1M<n<10M"}
-
 SPDX = "https://spdx.org/licenses/"
 
 

@@ -43,8 +43,8 @@ def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
     files: list[dict[str, Any]] = []
     for name in top:
         size, digest = manifest[name]
-        stated = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": FILES[Path(name).suffix]}
-        files.append({"@type": "cr:FileObject", "@id": name, "name": name, **stated, "sha256": digest})
+        about = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": FILES[Path(name).suffix]}
+        files.append({"@type": "cr:FileObject", "@id": name, "name": name, **about, "sha256": digest})
     files += [_set(name, media, names) for name, (media, names) in SETS.items() if fnmatch.filter(manifest, names)]
     sets = [_table(path.parent / name, key) for name, key in KEYS.items() if name in manifest]
     files_of_arrays, sets_of_arrays = _arrays(contents, [name for name in top if name.endswith(".tar")])

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-LEVEL = 0.95
 RESAMPLES = 2000
 STEP = 1e-4  # of the means, relative, for the slope of a statistic
 # A variance between two or three seeds is often far too small by chance. Welch and Satterthwaite's degrees of freedom
@@ -75,7 +74,7 @@ def interval(
     if np.isnan(freedom):
         return Estimate(value, np.nan, np.nan)
     replicates = statistic(_replicates(values, classes, resamples, np.random.default_rng(seed)))
-    half = float(stdtrit(freedom, (1 + LEVEL) / 2) * np.nanstd(replicates, ddof=1))
+    half = float(stdtrit(freedom, (1 + 0.95) / 2) * np.nanstd(replicates, ddof=1))
     return Estimate(value, value - half, value + half)
 
 
