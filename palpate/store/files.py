@@ -86,20 +86,20 @@ def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], op
 
 def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict[str, tuple[str, int]]) -> None:
     """Check one shape against the contract and against the arrays before it, whose symbols are in `sizes`."""
+    what = f"{path}: array {spec.name!r}"
     try:
         found = spec.sizes(shape)
-        if shape[0] == 0:  # of a batch without objects, whose other axes may be unknown
-            found = {symbol: length for symbol, length in found.items() if symbol == spec.shape[0]}
-        for symbol, length in found.items():
-            source, expected = sizes.setdefault(symbol, (spec.name, length))
-            if length != expected:
-                has = f"has shape {shape}, so {symbol} = {length}"
-                raise ValueError(f"{has}, but {source!r} has {symbol} = {expected}")
-        values = {symbol: length for symbol, (_, length) in sizes.items()}
-        if "rc" in found and "c" in values and values["rc"] != values["r"] * values["c"]:
-            raise ValueError(f"{values['rc']} rows, but readings have {values['r']} x {values['c']} pixels")
     except ValueError as error:
-        raise StoreError(f"{path}: array {spec.name!r}: {error}") from None
+        raise StoreError(f"{what}: {error}") from None
+    if shape[0] == 0:  # of a batch without objects, whose other axes may be unknown
+        found = {symbol: length for symbol, length in found.items() if symbol == spec.shape[0]}
+    for symbol, size in found.items():
+        source, other = sizes.setdefault(symbol, (spec.name, size))
+        if size != other:
+            raise StoreError(f"{what} has shape {shape}, so {symbol} = {size}, but {source!r} has {symbol} = {other}")
+    values = {symbol: length for symbol, (_, length) in sizes.items()}
+    if "rc" in found and "c" in values and values["rc"] != values["r"] * values["c"]:
+        raise StoreError(f"{what}: {values['rc']} rows, but readings have {values['r']} x {values['c']} pixels")
 
 
 def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
