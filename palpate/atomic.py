@@ -17,14 +17,12 @@ TEMPORARY = re.compile(r"\.(?:partial|replaced)-(?P<machine>[^~]*)~(?P<process>\
 
 @contextmanager
 def atomic_write(path: Path | str, made_from: seal.MadeFrom | None = None) -> Iterator[Path]:
-    """A temporary path beside `path` for a file or a folder, renamed to `path` when the block succeeds.
-
-    The temporary name is this writer's own, and keeps the suffix, because many writers go by it. Whatever stood
-    at `path` is replaced. What killed processes of this machine left of the same path is removed first.
+    """A temporary path beside `path` for a file or a folder, renamed to `path` when the block succeeds. It is this
+    writer's own, and keeps the suffix, because many writers go by it. Whatever stood at `path` is replaced; if the
+    block raises, it is as before. What killed processes of this machine left of the same path is removed first.
     made_from: seal the output (`palpate.seal`), with what it was made from. Both are written before anything is
-    renamed, and no file ever is where the seal beside it is of another.
-    If the block raises, `path` is as it was before. Raises FileNotFoundError if the block wrote nothing.
-    """
+    renamed, and no file ever is where the seal beside it is of another. Raises FileNotFoundError if the block wrote
+    nothing."""
     path = Path(path)
     mark = seal.beside(path)
     owner = f"{machine()}~{os.getpid()}~{secrets.token_hex(4)}"
@@ -33,9 +31,8 @@ def atomic_write(path: Path | str, made_from: seal.MadeFrom | None = None) -> It
     path.parent.mkdir(parents=True, exist_ok=True)
     for name in os.listdir(path.parent):
         match = TEMPORARY.fullmatch(name)
-        if not match or match["name"] not in (path.name, mark.name):
-            continue
-        if match["machine"] == machine() and not is_alive(match["process"]):
+        mine = match and match["name"] in (path.name, mark.name) and match["machine"] == machine()
+        if match and mine and not is_alive(match["process"]):
             remove(path.parent / name)
     try:
         yield partial
@@ -85,17 +82,14 @@ def is_alive(process: int | str) -> bool:
 
 
 def sweep(folder: Path, whole: re.Pattern[str]) -> list[Path]:
-    """Remove what killed processes of any machine left below a folder, and return the removed paths.
-
-    Nothing may be writing there. Folders whose name matches `whole` are outputs: they are not looked into.
-    """
+    """Remove what killed processes of any machine left below a folder, and return the removed paths. Nothing may be
+    writing there. Folders whose name matches `whole` are outputs: they are not looked into."""
     removed = []
     for place, folders, files in os.walk(folder):
-        left = [name for name in [*folders, *files] if TEMPORARY.fullmatch(name)]
-        for name in left:
-            remove(Path(place, name))
-        removed += [Path(place, name) for name in left]
-        folders[:] = [name for name in folders if name not in left and not whole.fullmatch(name)]
+        for path in [Path(place, name) for name in [*folders, *files] if TEMPORARY.fullmatch(name)]:
+            remove(path)
+            removed.append(path)
+        folders[:] = [name for name in folders if not TEMPORARY.fullmatch(name) and not whole.fullmatch(name)]
     return removed
 
 

@@ -90,10 +90,8 @@ def lacks_memory(error: BaseException | None) -> bool:
 
 
 def require_memory(failure: str) -> bool:
-    """Raise MemoryError if less than `SPARE` can be had after a failure that does not name its cause.
-
-    Lifts the process's own limit as far as allowed, and returns whether that changed it: then try again.
-    """
+    """Raise MemoryError if less than `SPARE` can be had after a failure that does not name its cause. Lifts the
+    process's own limit as far as allowed, and returns whether that changed it: then try again."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
     try:
@@ -106,14 +104,11 @@ def require_memory(failure: str) -> bool:
 def each_object(
     objects: Iterable[str], function: Callable[[str], Any], stage: str
 ) -> tuple[dict[str, Any], list[Rejection]]:
-    """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on.
-
-    Returns the results by object, in order, and the rejections. The message of `UnusableObject` is the reason; the
-    traceback of any other exception goes to the log too. Before it counts, memory is checked (`require_memory`).
-
+    """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on. Returns the
+    results by object, in order, and the rejections. The message of `UnusableObject` is the reason; the traceback of any
+    other exception goes to the log too. Before it counts, memory is checked (`require_memory`).
     Raises OSError, `palpate.seal.DamagedFile`, and MemoryError, also for an engine's own words for it: a full disk
-    says nothing about the object, which is tried again when the stage is.
-    """
+    says nothing about the object, which is tried again when the stage is."""
     objects = list(objects)
     results, rejections = {}, []
     bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())
@@ -154,11 +149,8 @@ def _twice_if_in_doubt(function: Callable[[str], Any], name: str) -> Any:
 
 def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
     """The rejections in files that `write_rejections` wrote, in order. Raises `DamagedFile` for a bad file."""
-    rejections = []
-    for path in map(Path, paths):
-        rows = read_rows(path, Rejection._fields)
-        rejections += [Rejection(*(row[field] for field in Rejection._fields)) for row in rows]
-    return rejections
+    rows = (row for path in paths for row in read_rows(path, Rejection._fields))
+    return [Rejection(*(row[field] for field in Rejection._fields)) for row in rows]
 
 
 def write_rejections(path: Path | str, rejections: Iterable[Rejection]) -> None:

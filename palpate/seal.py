@@ -42,10 +42,8 @@ DigestOf = Callable[[str], str | None]  # the digest of an output, by its label;
 
 
 class DamagedFile(ValueError):
-    """An output is missing or not as it was written; the message names it and the remedy.
-
-    A file that may not be read is not damaged: whatever reads here raises PermissionError as it comes.
-    """
+    """An output is missing or not as it was written; the message names it and the remedy. A file that may not be read
+    is not damaged: whatever reads here raises PermissionError as it comes."""
 
 
 class MixedInputs(ValueError):
@@ -63,7 +61,6 @@ class Seal:
 
     @property
     def made_from(self) -> dict[str, Any]:
-        """Inputs and config, as `write` takes them."""
         return {"inputs": dict(self.inputs), "config": dict(self.config)} if self.inputs or self.config else {}
 
     @cached_property
@@ -72,15 +69,12 @@ class Seal:
         return hashlib.sha256(json.dumps([VERSION, self.files, self.made_from], sort_keys=True).encode()).hexdigest()
 
     @property
-    def label(self) -> str:
-        """The name by which other seals state this output: its path from the run's folder on."""
+    def label(self) -> str:  # the name by which other seals state this output
         return label_of(self.path)
 
     def damage(self, names: Iterable[str] | None = None, contents: bool = True) -> list[str]:
         """What is wrong with the files, or some of them, one line a file: "visual.glb is missing".
-
-        contents: compare checksums too, which reads every file; else existence and sizes only.
-        """
+        contents: compare checksums too, which reads every file; else existence and sizes only."""
         folder = self.path if self.path.is_dir() else self.path.parent
         names = self.files if names is None else names
         lines = ((name, _difference(os.path.join(folder, name), self.files[name], contents)) for name in names)
@@ -92,22 +86,16 @@ class Seal:
             raise damaged(self.path, join_first(lines))
 
     def difference(self, config: Mapping[str, Any], digest_of: DigestOf) -> str:
-        """How it was made otherwise than from a config (values by path) and outputs; empty if it was not.
-
-        An output that there is none of does not count.
-        """
-        lines = [
-            f"with {key} = {value}, but the run has {config[key]}"
-            for key, value in self.config.items()
-            if key in config and config[key] != value
-        ]
+        """How it was made otherwise than from a config (values by path) and outputs; empty if it was not. An output
+        that there is none of does not count."""
+        different = [key for key, value in self.config.items() if key in config and config[key] != value]
+        lines = [f"with {key} = {self.config[key]}, but the run has {config[key]}" for key in different]
         others = [label for label, digest in self.inputs.items() if digest_of(label) not in (None, digest)]
         others = [re.sub(r"\{(\d+),.*?(\d+)\}", r"{\1..\2}", label) for label in others[:3]]
         lines += [f"from other {' and '.join(others)} than the run has"] if others else []
         return join_first(lines)
 
     def refusal(self, difference: str) -> str:
-        """The error message about a difference."""
         return f"{self.path} was made {difference}; {rebuild_advice(self.path)}"
 
 
@@ -118,7 +106,6 @@ def size_and_sha256(path: Path | str) -> list[Any]:
 
 
 def measured(content: bytes) -> list[Any]:
-    """Number of bytes and SHA-256 of what is in memory."""
     return [len(content), hashlib.sha256(content).hexdigest()]
 
 
@@ -135,10 +122,8 @@ def write(
     place: Path | None = None,
 ) -> None:
     """Seal an output that is complete; a seal that it has is replaced.
-
     made_from: as `combine` and `made_of` return it. files: of a folder, where they are known. name, place: of a single
-    file that is still at a temporary path, and where then to write a seal that does not fit within.
-    """
+    file that is still at a temporary path, and where then to write a seal that does not fit within."""
     path = Path(path)
     if path.is_dir():
         if files is None:
@@ -206,7 +191,6 @@ def verify(path: Path | str) -> Seal:
 
 
 def damaged(path: Path, problem: str) -> DamagedFile:
-    """The error about an output whose files are not as they were written."""
     remedy = rebuild_advice(path, str(path) if path.is_dir() else "it")
     return DamagedFile(f"{path} is damaged: {problem}; {remedy}")
 
@@ -235,10 +219,8 @@ def by_path(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def combine(config: Mapping[str, Any], *inputs: Seal, more: Mapping[str, str] = NOTHING) -> dict[str, dict[str, Any]]:
     """What an output was made from, back to the source files: any two outputs of a batch can then be compared.
-
-    config: the part of the config that its job uses, nested as there. inputs: what the job reads, each after those
-    that it was made from. more: digests of further inputs. Raises MixedInputs if the inputs do not fit together.
-    """
+    config: the part of the config that its job uses, nested as there. inputs: what the job reads, each after those that
+    it was made from. more: digests of further inputs. Raises MixedInputs if the inputs do not fit together."""
     values, contents = json.loads(json.dumps(by_path(config))), dict(more)
     for seal in inputs:
         if difference := seal.difference(values, contents.get):
@@ -256,9 +238,7 @@ def with_output(made_from: MadeFrom, path: Path | str) -> dict[str, dict[str, An
 
 def made_of(paths: Iterable[Path | str], config: Mapping[str, Any] = NOTHING) -> dict[str, dict[str, Any]]:
     """What an output of the whole run was made from: the outputs at these paths, but for those without a seal.
-
-    config: values that its job uses, by their path. Batches of a stage are one: `touch/batch-{0000,0002}.zarr`.
-    """
+    config: values that its job uses, by their path. Batches of a stage are one: `touch/batch-{0000,0002}.zarr`."""
     digests = {seal.label: seal.digest for seal in map(find, paths) if seal is not None}
     batches = defaultdict(list)
     for label in sorted(digests):
@@ -266,15 +246,13 @@ def made_of(paths: Iterable[Path | str], config: Mapping[str, Any] = NOTHING) ->
         batches[(match[1], match[3]) if match else (label, "")].append((match[2] if match else "", digests[label]))
     inputs = {}
     for (start, end), found in batches.items():
-        numbers = ",".join(number for number, _ in found)
-        inputs[f"{start}{{{numbers}}}{end}" if len(found) > 1 else f"{start}{numbers}{end}"] = _joined(
-            [digest for _, digest in found]
-        )
+        numbers, of_batches = zip(*found, strict=True)
+        label = f"{start}{{{','.join(numbers)}}}{end}" if len(found) > 1 else f"{start}{numbers[0]}{end}"
+        inputs[label] = _joined(of_batches)
     return {"inputs": inputs, "config": json.loads(json.dumps(dict(config)))}
 
 
 def join_first(lines: Iterable[str], most: int = 3) -> str:
-    """The first few of some lines in one, and how many more there are."""
     lines = list(lines)
     return "; ".join([*lines[:most], *([f"and {len(lines) - most} more"] if len(lines) > most else [])])
 
@@ -286,8 +264,8 @@ def _joined(digests: Sequence[str]) -> str:
 def _text(files: Files, made_from: MadeFrom) -> bytes:
     stated = json.loads(json.dumps(dict(made_from)))
     seal = Seal(Path(), files, stated.get("inputs", {}), stated.get("config", {}))
-    seal_text = {"version": VERSION, "digest": seal.digest, "made_from": seal.made_from, "files": files}
-    return json.dumps(seal_text).encode()
+    text = {"version": VERSION, "digest": seal.digest, "made_from": seal.made_from, "files": files}
+    return json.dumps(text).encode()
 
 
 def _parts(path: Path) -> tuple[bytes, bytes]:

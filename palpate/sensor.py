@@ -118,14 +118,14 @@ class Sensor:
         which 1 is `diffuse` grey levels; whether it is far. None if there is a colour table."""
         if self.colour_table:
             return []
-        if not isinstance(self.lights, Mapping):
-            places = [np.array(light.get("position") or light["direction"], dtype=float) for light in self.lights]
-            colours = [np.array(light["colour"], dtype=float) for light in self.lights]
-            return list(zip(places, colours, ["direction" in light for light in self.lights], strict=True))
-        angles = np.deg2rad(self.lights["angles"])
-        radius, height = self.lights["radius"], self.lights["height"]
-        places = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, height)], axis=1)
-        return list(zip(places, np.eye(3), [False] * 3, strict=True))
+        lights: Any = self.lights
+        if isinstance(lights, Mapping):
+            angles, radius = np.deg2rad(lights["angles"]), lights["radius"]
+            places = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, lights["height"])], axis=1)
+            lights = [{"position": place, "colour": colour} for place, colour in zip(places, np.eye(3), strict=True)]
+        kinds = ["direction" if "direction" in light else "position" for light in lights]
+        pairs = zip(lights, kinds, strict=True)
+        return [(np.array(a[kind], float), np.array(a["colour"], float), kind == "direction") for a, kind in pairs]
 
     @property
     def colour_table(self) -> Mapping[str, Any] | None:
@@ -144,18 +144,12 @@ class Sensor:
 
     def description(self) -> dict[str, Any]:
         """The sensor as its file has it, for JSON; `background` is True if it has an image, else None."""
+        shape = {"sag": self.gel_sag} if self.gel_sag else "flat"
+        gel: dict[str, Any] = {"face": {"radius": self.gel_radius} if self.gel_radius else shape}
+        gel |= {"size": list(self.gel_size)} if self.gel_size else {}
         return {
             **{"name": self.name, "width": self.width, "height": self.height, "resolution": list(self.resolution)},
-            "range": self.range,
-            "gel": {
-                "face": {"radius": self.gel_radius}
-                if self.gel_radius
-                else {"sag": self.gel_sag}
-                if self.gel_sag
-                else "flat",
-                **({"size": list(self.gel_size)} if self.gel_size else {}),
-                **(self.material or {}),
-            },
+            **{"range": self.range, "gel": gel | dict(self.material or {})},
             **({"markers": dict(self.markers)} if self.markers else {}),
             **{"gel_face": self.gel_face, "lights": self.lights, "diffuse": self.diffuse},
             "smoothing": self.smoothing and dict(self.smoothing),
@@ -169,8 +163,7 @@ class Sensor:
         """The sensor of a description, as a file or a store has it.
 
         background: the image of the untouched gel, used if the description has one. what: name for error messages.
-        Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, an impossible gel or
-        light.
+        Raises `ConfigError` for a description that does not fit `SCHEMA`, an impossible gel or light.
         """
         check(dict(description), SCHEMA, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
@@ -179,8 +172,7 @@ class Sensor:
         rows, columns = (resolution, resolution) if isinstance(resolution, int) else resolution
         values |= {
             "resolution": (rows, columns),
-            # Square pixels.
-            "height": description.get("height", description["width"] * (rows / columns)),
+            "height": description.get("height", description["width"] * (rows / columns)),  # square pixels
             "gel_face": description.get("gel_face", 0.019273),  # of the DIGIT in the Allegro's tips
             "gel_radius": float(face["radius"]) if "radius" in face else None,
             "gel_sag": float(face.get("sag", 0)),
@@ -188,23 +180,26 @@ class Sensor:
             "material": {key: float(gel[key]) for key in MATERIAL} if "thickness" in gel else None,
         }
         sensor = cls(**values, background=background if description["background"] else None)
-        if sensor.gel_radius is not None and sensor.gel_radius < sensor.rim:
-            raise ConfigError(
-                f"{what}: gel.face.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its "
-                "rim"
-            )
-        if not (sensor.range - sensor.sag > 0).all():
-            raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.face.radius")
-        for number, light in enumerate(description["lights"] if isinstance(description["lights"], list) else []):
+        if wrong := sensor.impossible():
+            raise ConfigError(f"{what}: {wrong}")
+        return sensor
+
+    def impossible(self) -> str:
+        """Why there can't be a gel or light as described; empty if there can."""
+        if self.gel_radius is not None and self.gel_radius < self.rim:
+            return f"gel.face.radius {self.gel_radius:g} m is less than half of width: the gel has to reach its rim"
+        if not (self.range - self.sag > 0).all():
+            return "the rim of the gel is behind the sensor plane: raise range, or gel.face.radius"
+        for number, light in enumerate([] if isinstance(self.lights, Mapping) else self.lights):
             if ("position" in light) == ("direction" in light) or not np.any(light.get("direction", 1)):
-                raise ConfigError(f"{what}: lights.{number}: expected a position, or a direction that is not 0")
-        if table := sensor.colour_table:
+                return f"lights.{number}: expected a position, or a direction that is not 0"
+        if table := self.colour_table:
             count = (table["normal"] * (table["normal"] + 3) // 2) * ((table["place"] + 1) * (table["place"] + 2) // 2)
             if len(table["polynomial"]) != count:
-                raise ConfigError(f"{what}: lights.polynomial: expected {count} rows, got {len(table['polynomial'])}")
-        if not all(far or place[2] >= sensor.range for place, _, far in sensor.lamps):
-            raise ConfigError(f"{what}: lights.height must be range or more: no surface in range above the lights")
-        return sensor
+                return f"lights.polynomial: expected {count} rows, got {len(table['polynomial'])}"
+        if not all(far or place[2] >= self.range for place, _, far in self.lamps):
+            return "lights.height must be range or more: no surface in range above the lights"
+        return ""
 
     def require_material(self) -> Mapping[str, float]:
         """The gel's material. Raises `ConfigError` if the sensor's file does not describe a gel that can be pressed."""

@@ -13,42 +13,38 @@ from palpate.seal import DamagedFile
 
 
 def read_text(path: Path | str) -> str:
-    """The text of a table or record that a run wrote, or that a user wrote elsewhere: see `palpate.seal.find`.
-
-    Raises DamagedFile if the file is missing, empty, not UTF-8, not the one that its seal is of, or a table without a
-    line break at its end.
-    """
-    path, remedy = Path(path), rebuild_advice(path)
+    """The text of a table or record that a run wrote, or that a user wrote elsewhere: see `palpate.seal.find`. Raises
+    DamagedFile if the file is missing, empty, not UTF-8, not the one that its seal is of, or a table without a line
+    break at its end."""
+    path, text, problem = Path(path), "", ""
     try:
         data = path.read_bytes()
+        text = data.decode("utf-8")
     except (FileNotFoundError, NotADirectoryError):
-        raise DamagedFile(f"{path} does not exist; {remedy}") from None
+        problem = "does not exist"
     except PermissionError:
         raise
     except OSError as error:
-        raise DamagedFile(f"{path} can't be read ({error.strerror}); {remedy}") from None
-    if not data.strip():
-        raise DamagedFile(f"{path} is empty; {remedy}")
-    try:
-        text = data.decode("utf-8")
+        problem = f"can't be read ({error.strerror})"
     except UnicodeDecodeError:
-        raise DamagedFile(f"{path} is not text; {remedy}") from None
-    if "\0" in text:
-        raise DamagedFile(f"{path} is not text; {remedy}")
-    if path.suffix == ".csv" and not text.endswith("\n"):  # a record that is cut off is not valid JSON
-        raise DamagedFile(f"{path} is cut off: no line break at its end; {remedy}")
-    sealed = seal.find(path)
-    if sealed is not None and sealed.files.get(path.name) != seal.measured(data):
-        raise DamagedFile(f"{path} has changed since it was written ({seal.beside(path).name}: checksum); {remedy}")
+        problem = "is not text"
+    else:
+        if not data.strip():
+            problem = "is empty"
+        elif "\0" in text:
+            problem = "is not text"
+        elif path.suffix == ".csv" and not text.endswith("\n"):  # a record that is cut off is not valid JSON
+            problem = "is cut off: no line break at its end"
+        elif (sealed := seal.find(path)) and sealed.files.get(path.name) != seal.measured(data):
+            problem = f"has changed since it was written ({seal.beside(path).name}: checksum)"
+    if problem:
+        raise DamagedFile(f"{path} {problem}; {rebuild_advice(path)}")
     return text
 
 
 def read_rows(path: Path | str, columns: Iterable[str]) -> list[dict[str, str]]:
-    """Rows of a CSV table: values by column.
-
-    Raises DamagedFile as `read_text` does, and if a column is missing or a line has more or fewer values than the
-    first.
-    """
+    """Rows of a CSV table: values by column. Raises DamagedFile as `read_text` does, and if a column is missing or a
+    line has more or fewer values than the first."""
     lines, remedy = csv.DictReader(io.StringIO(read_text(path), newline=""), strict=True), rebuild_advice(path)
     try:
         rows = list(lines)

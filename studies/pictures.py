@@ -138,7 +138,7 @@ def draw_gel(path: Path) -> None:
     depths = RayCaster(mesh, sensor=face_sensor(digit)).trace(position[::3], rotation[::3])
     pressed = [press_sensor(depth, digit, FORCES[1]) for depth in depths]
     # Of the places whose contact the image shows, that with the most to see.
-    relief = [each.indentation.std() * (each.inside > 0.99) for each in pressed]
+    relief = [each["indentation"].std() * (each["inside"] > 0.99) for each in pressed]
     at = slice(3 * int(np.argmax(relief)), 3 * int(np.argmax(relief)) + 1)
     names, columns = ("digit", "gelsight_mini"), ("not pressed", *(f"{force:g} N" for force in FORCES))
     width = SIDE + len(columns) * (READING + MARGIN)
@@ -149,8 +149,8 @@ def draw_gel(path: Path) -> None:
         depth = RayCaster(mesh, sensor=face_sensor(kind)).trace(position[at], rotation[at])[0]
         readings = [press_sensor(depth, kind, force) for force in FORCES]
         flat = sense(RayCaster(mesh, sensor=kind), position[at], rotation[at]).reading[0]
-        pressures = [None, *(1e-3 * each.pressure for each in readings)]
-        images = [[flat, *(each.reading for each in readings)], pressures]
+        pressures = [None, *(1e-3 * each["pressure"] for each in readings)]
+        images = [[flat, *(each["reading"] for each in readings)], pressures]
         for below, of_row in enumerate(images):
             bottom = 1 - (HEAD / 2 + (2 * row + below + 1) * (READING + MARGIN)) / height
             words = name if below == 0 else "pressure"

@@ -1,7 +1,4 @@
-"""The dataset of a run: all its stores read as one (`Dataset`), and their validation (`validation`).
-
-Reading needs no engine; `palpate.dataset.validation` loads the packages that made the data, and Embree.
-"""
+"""The dataset of a run: all its stores read as one (`Dataset`), without engines, and their validation, with them."""
 
 from palpate.dataset.grasps import GraspDataset
 from palpate.dataset.reader import Dataset, GraspRecord, ObjectRecord

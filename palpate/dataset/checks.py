@@ -8,10 +8,10 @@ import csv
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -47,10 +47,8 @@ class Check(NamedTuple):
 LIMITS = {"EXACT": EXACT, "ON_MESH": ON_MESH, "OUTLINE": OUTLINE}
 LIMITS |= {"MAX_OUT_OF_RANGE": MAX_OUT_OF_RANGE, "MAX_PENETRATION": MAX_PENETRATION}
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
-    CHECKS = {
-        row["check"]: Check(LIMITS[row["limit"]] if row["limit"] in LIMITS else int(row["limit"]), row["measures"])
-        for row in csv.DictReader(file)
-    }
+    rows = list(csv.DictReader(file))
+CHECKS = {row["check"]: Check(LIMITS.get(row["limit"]) or int(row["limit"]), row["measures"]) for row in rows}
 
 
 # Checks that need a compiled engine of the extra `factory`, and the engine.
@@ -73,15 +71,9 @@ class CheckedObject:
 
     rows: dict[str, dict[str, np.ndarray]]  # stage -> array -> the object's row
     folder: Path
-    hand: Hand | None = None
+    hand: Hand | None = None  # without it grasps and frames are not checked
     sensor: Sensor = DIGIT
-
-    @property
-    def required_hand(self) -> Hand:
-        """The hand, for the checks that need one. Raises ValueError without it."""
-        if self.hand is None:
-            raise ValueError(f"{self.folder}: the grasps of this object have no hand")
-        return self.hand
+    _surface: "Surface | None" = None
 
     @cached_property
     def mesh(self) -> Geometry:
@@ -110,16 +102,13 @@ class CheckedObject:
         """Whether the mesh has transparent materials; False if its record does not state it."""
         return read_record(self.folder).get("visual.glb", {}).get("see_through", False)
 
-    @cached_property
-    def _surface(self) -> "Surface":
-        from palpate.mesh.distance import Surface
-
-        return Surface(self.mesh.vertices, self.mesh.faces)
-
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Exact distance (n,) from points (n, 3) in the world to the mesh; NaN for one that is not finite."""
+        from palpate.mesh.distance import Surface
+
         finite, distance = np.isfinite(points).all(axis=1), np.full(len(points), np.nan)
         if finite.any():
+            self._surface = self._surface or Surface(*self.mesh)
             distance[finite] = self._surface.closest(np.asarray(points, dtype=np.float64)[finite])[0]
         return distance
 
@@ -129,14 +118,12 @@ Measured = Iterator[tuple[str, np.ndarray | float]]
 
 
 def check_mesh(item: CheckedObject) -> Measured:
-    """Whether the mesh keeps the contract's frame."""
     low, high = item.bounds
     off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
     yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - item.diagonal))
 
 
 def check_surface(item: CheckedObject) -> Measured:
-    """The surface points of one object."""
     points = item.rows["surface"]["points"]
     low, high = item.bounds
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
@@ -145,8 +132,7 @@ def check_surface(item: CheckedObject) -> Measured:
 
 
 def check_grasps(item: CheckedObject) -> Measured:
-    """The grasps of one object."""
-    rows, hand = item.rows["grasps"], item.required_hand
+    rows, hand = item.rows["grasps"], cast(Hand, item.hand)
     affine = np.abs(rows["palm_pose"][:, 3] - [0, 0, 0, 1]).max(axis=1)
     yield "rotation", np.maximum(rotation_error(rows["palm_pose"][:, :3, :3]), affine)
     joints = rows["joint_positions"]
@@ -159,7 +145,6 @@ def check_grasps(item: CheckedObject) -> Measured:
 
 
 def check_touch(item: CheckedObject) -> Measured:
-    """The touches of one object."""
     rows = item.rows["touch"]
     depth, success, count = rows["depth"], rows["success"], rows["point_count"]
     yield "touch depth", np.sum(_out_of_range(depth, item.sensor), axis=(2, 3))
@@ -167,19 +152,33 @@ def check_touch(item: CheckedObject) -> Measured:
     yield "success", success != finite.any(axis=(2, 3))
     yield "one touch", ~success.any(axis=1)
     yield "point count", np.abs(count - finite.sum(axis=(2, 3)))
-    yield "points", _each_sensor(item, _points_error)
+    points_error = np.zeros(success.shape)
+    for index in np.ndindex(success.shape):
+        try:
+            cloud = local_points(*(rows[name][index] for name in ("depth", "position", "rotation")), item.sensor)
+        except ValueError:  # no position at all, or one that no point can be stored at
+            points_error[index] = np.inf
+            continue
+        points = rows["points"][index]
+        points_error[index] = np.abs(points - np.pad(cloud, ((0, len(points) - len(cloud)), (0, 0)))).max()
+    yield "points", points_error
     if "indentation" in rows:
         yield "reading", _pressed_reading_error(rows, item.sensor)
         yield "pressed", _pressed_error(rows, item.sensor)
     else:
-        yield "reading", _each_sensor(item, _reading_error)
+        errors = [
+            _reading_error(depth[index], rows["reading"][index], item.sensor) for index in np.ndindex(count.shape)
+        ]
+        yield "reading", np.reshape(errors, count.shape)
     if can_check("on mesh"):
-        yield "on mesh", _cloud_distance(item)
+        distance = np.zeros(count.shape)
+        for index in zip(*np.nonzero(count > 0), strict=True):
+            distance[index] = item.distance(rows["points"][index][: count[index]]).max()
+        yield "on mesh", distance
 
 
 def check_frames(item: CheckedObject) -> Measured:
-    """The frames of one object's grasps."""
-    rows, hand = item.rows["frames"], item.required_hand
+    rows, hand = item.rows["frames"], cast(Hand, item.hand)
     grasps = len(rows["time"])
     numeric = [rows[name].reshape(grasps, -1) for name in rows if name not in ("object", "success", "depth")]
     yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
@@ -204,15 +203,13 @@ def check_frames(item: CheckedObject) -> Measured:
 
 
 def _check_contacts(rows: dict[str, np.ndarray], hand: Hand) -> Measured:
-    """The contacts of the frames of one object's grasps."""
     normal, force, count = rows["contact_normal"], rows["contact_force"], rows["contact_count"]
     taken = np.arange(force.shape[-1]) < count[..., None]
     length = np.linalg.norm(normal, axis=-1)
     wrong = np.where(taken, (force < 0) | (np.abs(length - 1) > EXACT), (force != 0) | (length != 0))
     yield "contacts", wrong.sum(axis=(1, 2))
-    mine = (rows["contact_link"][..., None, :] == hand.sensor_link[:, None]) & (rows["contact_other"] == -1)[
-        ..., None, :
-    ]
+    on_object = (rows["contact_other"] == -1)[..., None, :]
+    mine = (rows["contact_link"][..., None, :] == hand.sensor_link[:, None]) & on_object
     pushes = (mine * force[..., None, :])[..., None] * normal[..., None, :, :]  # (g, f, s, a, 3), in the world
     arms = rows["contact_position"][..., None, :, :] - rows["sensor_position"][..., None, :]
     sums = [vectors.sum(axis=-2)[..., None, :] for vectors in (pushes, np.cross(arms, pushes))]
@@ -222,7 +219,6 @@ def _check_contacts(rows: dict[str, np.ndarray], hand: Hand) -> Measured:
 
 
 def check_hold(item: CheckedObject) -> Measured:
-    """The labels of one object's grasps."""
     rows = item.rows["hold"]
     along, moved = rows["held_along"], rows["moved"]
     wrong = np.isnan(moved) | ((moved == np.inf) != (along < 0))
@@ -233,7 +229,6 @@ def check_hold(item: CheckedObject) -> Measured:
 
 
 def check_press(item: CheckedObject) -> Measured:
-    """The presses of one object."""
     rows, sensor = item.rows["press"], item.sensor
     numeric = [rows[name].reshape(len(rows["force"]), -1) for name in rows if name not in ("object", "depth")]
     yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
@@ -279,7 +274,6 @@ def _first_touches(item: CheckedObject, rows: dict[str, np.ndarray]) -> Iterator
 
 
 def check_frame_images(item: CheckedObject) -> Measured:
-    """The images of the frames of one object's grasps."""
     images, numbers = item.rows["frame_images"]["occluded"], item.rows["frame_images"]["image_frame"]
     yield "seen", int((images == images[:, :, :, :1, :1]).all(axis=(3, 4, 5)).sum())
     last = item.rows["frames"]["time"].shape[1] - 1 if "frames" in item.rows else numbers[:, -1]
@@ -288,7 +282,6 @@ def check_frame_images(item: CheckedObject) -> Measured:
 
 
 def check_vision(item: CheckedObject) -> Measured:
-    """The images of one object, by all of its cameras."""
     rows = item.rows["vision"]
     masks = np.concatenate([rows["unoccluded_mask"][None], rows["occluded_mask"]])
     yield "mask values", np.sum((masks != 0) & (masks != 255))
@@ -364,10 +357,8 @@ def check_values(stage: str, item: CheckedObject) -> Measured:
     """The values of one object in a store without checks of its own."""
     specs = CONTRACT[stage].arrays
     numbers = {name: values for name, values in item.rows[stage].items() if values.dtype.kind == "f"}
-    yield (
-        "finite",
-        sum(int(np.sum(~np.isfinite(values) & (values != specs[name].fill))) for name, values in numbers.items()),
-    )
+    wrong = (np.sum(~np.isfinite(values) & (values != specs[name].fill)) for name, values in numbers.items())
+    yield "finite", int(sum(wrong))
 
 
 # The checks of one object's rows of a store, by its stage; those of another stage are `check_values`.
@@ -383,35 +374,7 @@ OF_STAGE: dict[str, Callable[[CheckedObject], Measured]] = {
 }
 
 
-def of_stage(stage: str) -> Callable[[CheckedObject], Measured]:
-    """The checks of one object's rows of a stage's store."""
-    return OF_STAGE.get(stage) or partial(check_values, stage)
-
-
-SENSED = ("depth", "position", "rotation", "points", "reading")  # of one sensor
-
-
-def _each_sensor(item: CheckedObject, error: Callable[..., float]) -> np.ndarray:
-    """`error` of each sensor (g, s): of the sensor's kind, and its arrays `SENSED` as keywords."""
-    rows = item.rows["touch"]
-    result = np.zeros(rows["success"].shape)
-    for index in np.ndindex(result.shape):
-        result[index] = error(item.sensor, **{name: rows[name][index] for name in SENSED})
-    return result
-
-
-def _points_error(
-    sensor: Sensor, depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, points: np.ndarray, **_: np.ndarray
-) -> float:
-    """Largest difference of a stored cloud from that of the depth map, m."""
-    try:
-        expected = local_points(depth, position, rotation, sensor)
-    except ValueError:  # no position at all, or one that no point can be stored at
-        return np.inf
-    return np.abs(points - np.pad(expected, ((0, len(points) - len(expected)), (0, 0)))).max()
-
-
-def _reading_error(sensor: Sensor, depth: np.ndarray, reading: np.ndarray, **_: np.ndarray) -> float:
+def _reading_error(depth: np.ndarray, reading: np.ndarray, sensor: Sensor) -> float:
     """Largest difference of a stored reading from the shading of the depth map, grey levels."""
     if not np.isfinite(depth).any():  # of a sensor that touched nothing, none is stored
         return float(reading.max())
@@ -436,15 +399,6 @@ def _pressed_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
     return np.where(rows["force"] > 0, error / np.where(rows["force"] > 0, rows["force"], 1), error)
 
 
-def _cloud_distance(item: CheckedObject) -> np.ndarray:
-    """Furthest point of each local cloud from the mesh: (g, s)."""
-    rows = item.rows["touch"]
-    distance = np.zeros(rows["point_count"].shape)
-    for index in zip(*np.nonzero(rows["point_count"] > 0), strict=True):
-        distance[index] = item.distance(rows["points"][index][: rows["point_count"][index]]).max()
-    return distance
-
-
 def _depth_in_hand(hand: Hand, link_pose: np.ndarray, points: np.ndarray) -> float:
     """Largest depth of points (n, 3) in the hand's colliding geoms; 0 if none is inside."""
     centres = hand.geom_poses(link_pose)[:, :3, 3]
@@ -456,10 +410,8 @@ def _depth_in_hand(hand: Hand, link_pose: np.ndarray, points: np.ndarray) -> flo
 
 
 def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
-    """Share of pixels where mask or depth differ from rays cast at the mesh through the pixels' centres.
-
-    Where the mesh is transparent, they may show what lies behind it, or nothing.
-    """
+    """Share of pixels where mask or depth differ from rays cast at the mesh through the pixels' centres. Where the mesh
+    is transparent, they may show what lies behind it, or nothing."""
     from palpate.surface.embree import RayMesh
 
     camera = pictures.camera

@@ -24,8 +24,6 @@ COLOURS = ("RGB", "sRGB")  # units of arrays whose last axis is the colour
 class GraspDataset(Sequence):
     """The grasps of some objects, object by object: `grasps[i]` is a dictionary, read when it is asked for.
 
-    loader = torch.utils.data.DataLoader(dataset.grasps("train", ["reading", "occluded"]), batch_size=8, num_workers=2)
-
     An item has `object`, `class` and `split` (text), `grasp` (its number, from 0), and the arrays of the grasp and of
     its object, in the contract's shapes and types without the axes o, g and k (docs/dataset.md). All items have the
     same shapes, so that the default collation stacks them: `points` (s, rc, 3) are 0 past `point_count`. A sensor that
@@ -35,8 +33,7 @@ class GraspDataset(Sequence):
 
     Attributes: arrays, the names of the arrays; sources, their stages and contracts by name; images, which of them are
     pictures, and whether these have colours. Raises StoreError if there is no object, or a stage that the arrays
-    need is missing; KeyError, with the right names, for an unknown array.
-    """
+    need is missing; KeyError, with the right names, for an unknown array."""
 
     unit, units = "grasp", "grasps"  # what an item is of
 
@@ -65,7 +62,6 @@ class GraspDataset(Sequence):
         self.images = {name: spec.unit in COLOURS for name, spec in pictures.items()}
 
     def _count(self) -> int:
-        """Grasps of each object."""
         return self._run.grasps(self._entries[0])
 
     @staticmethod
@@ -96,10 +92,9 @@ class GraspDataset(Sequence):
     def __getitem__(self, index: int) -> dict[str, Any]:  # type: ignore[override]  # no slices
         """The arrays of a grasp, with its object, class, split and number. Raises IndexError if there is none."""
         try:
-            number = range(len(self))[integer(index)]
+            number, grasp = divmod(range(len(self))[integer(index)], self._of_object)
         except IndexError:
             raise IndexError(f"{self.unit} {index} of {len(self)}") from None
-        number, grasp = divmod(number, self._of_object)
         entry = self._entries[number]
         item: dict[str, Any] = {"object": entry.object, "class": entry.class_name, "split": entry.split}
         item[self.unit] = grasp
@@ -121,10 +116,8 @@ class GraspDataset(Sequence):
 
 
 class PressDataset(GraspDataset):
-    """The presses of some objects, object by object, as `GraspDataset` has grasps.
-
-    An item has `object`, `class`, `split`, `press` (its number, from 0), and the arrays of the press.
-    """
+    """The presses of some objects, object by object, as `GraspDataset` has grasps. An item has `object`, `class`,
+    `split`, `press` (its number, from 0), and the arrays of the press."""
 
     unit, units = "press", "presses"
 

@@ -1,9 +1,4 @@
-"""A run's dataset: every store, joined over batches, read lazily.
-
-dataset = palpate.Dataset("results/default")
-grasp = dataset["bottle-0007"].grasps[0]
-grasp.reading, grasp.success, grasp.points
-"""
+"""A run's dataset: every store, joined over batches, read lazily; its objects, and their grasps, frames and presses."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -16,30 +11,95 @@ import numpy as np
 from palpate.camera import Camera
 from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.configuration import nearest, not_among
-from palpate.dataset.arrays import JoinedArray
 from palpate.dataset.grasps import GraspDataset, PressDataset
 from palpate.dataset.run import Run, shaded
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STAGES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec, arrays_by_name
-from palpate.store.files import StoreError
+from palpate.store.files import Store, StoreError
 
 if TYPE_CHECKING:
     import pandas
 
     from palpate.hand import Hand
 
+Index = int | slice | Sequence[int] | np.ndarray
+
+
+class JoinedArray(Sequence):
+    """One array of many batches as if it were one, `(o, ...)` or `(o, g, ...)`; read where it is indexed. Values are as
+    they are stored, but for `reading`: a sensor that touched nothing reads the empty gel, which stores omit."""
+
+    def __init__(self, run: Run, stage: str, name: str, entries: list[CatalogueEntry]):
+        self._run, self._stage, self._name, self._entries = run, stage, name, entries
+        self._spec = CONTRACT[stage].arrays[name]
+
+    def _record(self) -> tuple[tuple[int, ...], np.dtype]:
+        """Shape and type of one object's record; StoreError if there is no object to tell it by."""
+        if not self._entries:
+            raise StoreError(
+                f"{self._run.folder}: no object to take {self._stage} {self._name!r} of; rejected.csv says why"
+            )
+        shape, dtype = self._run.store(self._stage, self._entries[0].batch).header(self._name)
+        return shape[1:], dtype
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (len(self), *self._record()[0])
+
+    @property
+    def dtype(self) -> np.dtype:
+        return self._record()[1]
+
+    @property
+    def attrs(self) -> dict[str, Any]:
+        """What the contract says of the array (stage, axes, unit, meaning), and the attributes of the first store.
+        Those are units, frames, seed, schema version, digest of the config and versions of what made it."""
+        spec = {"stage": self._stage, "axes": self._spec.axes, "unit": self._spec.unit, "meaning": self._spec.meaning}
+        return spec | (self._run.store(self._stage, self._entries[0].batch).attributes if self._entries else {})
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __getitem__(self, index: Index | tuple) -> np.ndarray:  # type: ignore[override]  # one type, however indexed
+        """Indexes as numpy does: numbers and slices, and in the first place also one list or mask of objects. Only the
+        chunks that these need are read. Raises IndexError for an index out of range and for any other, which the result
+        takes: `array[:][mask]`. Raises StoreError if objects differ in shape."""
+        first, *further = (index if isinstance(index, tuple) else (index,)) or (slice(None),)
+        if not all(isinstance(part, int | np.integer | slice) for part in further):
+            raise IndexError(f"{self!r} takes numbers and slices, and one list of objects in the first place")
+        if isinstance(first, int | np.integer):
+            return self._run.read(self._stage, self._name, self._entries[first], tuple(further))
+        entries = [self._entries[number] for number in np.arange(len(self))[first]]
+        records = (self._run.read(self._stage, self._name, entry, tuple(further)) for entry in entries)
+        if self._spec.dtype == "string":
+            return np.array([*records], dtype=str)
+        shape, dtype = self._record()
+        result = np.empty((len(entries), *np.broadcast_to(0, shape)[tuple(further)].shape), dtype)
+        for place, (entry, values) in enumerate(zip(entries, records, strict=True)):
+            if values.shape != result.shape[1:]:
+                paths = [self._run.store(self._stage, other.batch).path for other in (entry, self._entries[0])]
+                raise StoreError(
+                    f"{paths[0]}: {self._name} of an object is {values.shape}, but {result.shape[1:]} in {paths[1]}; "
+                    "build both again from one config"
+                )
+            result[place] = values
+        return result
+
+    def __repr__(self) -> str:
+        if not self._entries:
+            return f"JoinedArray({self._stage} {self._name!r} {self._spec.axes}, no object)"
+        unit = f", {self._spec.unit}" if self._spec.unit else ""
+        return f"JoinedArray({self._stage} {self._name!r} {self._spec.axes}, shape {self.shape}, {self.dtype}{unit})"
+
 
 class Dataset(Sequence):
     """The objects of a run, by name, number, split or class; nothing but their names is read on opening.
-
-    run: the run's folder, `results/<run>`. stages: those that the objects must have come through (`meshes`,
-    or one with a store); by default what the target `dataset` builds. An object is omitted if one of these,
-    or of those that they read, rejected it; rejections of other stages do not matter.
-    Stages that have not been built are absent; asking for one of their arrays raises StoreError with the
-    command that builds it. Raises ValueError for an unknown stage.
-    """
+    run: the run's folder, `results/<run>`. stages: those that the objects must have come through (`meshes`, or one with
+    a store); by default what the target `dataset` builds. An object is omitted if one of these, or of those that they
+    read, rejected it. Asking for an array of a stage that has not been built raises StoreError with the command that
+    builds it. Raises ValueError for an unknown stage."""
 
     def __init__(self, run: Path | str, stages: Iterable[str] = DATASET_STAGES):
         self._run = Run(run)
@@ -114,18 +174,11 @@ class Dataset(Sequence):
         hint = nearest(name, self._entries) or f"; the first are {', '.join(self.objects[:5]) or 'none'}"
         raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}{hint}")
 
-    def _first_entry(self, purpose: str) -> CatalogueEntry:
-        if not self._entries:
-            raise StoreError(f"{self!r}: no object {purpose}; rejected.csv says why")
-        return next(iter(self._entries.values()))
-
     def array(self, stage: str, name: str) -> JoinedArray:
         """One array of a stage, joined over batches and read where it is indexed: these objects' rows, in their order.
-
         Its shape is the contract's, (o, ...) or (o, g, ...). Its values are as they are stored, but for readings: a
         sensor that touched nothing reads the empty gel. Raises KeyError, with the names that there are, for another
-        stage or array, and if the array does not have a row an object.
-        """
+        stage or array, and if the array does not have a row an object."""
         if stage not in CONTRACT:
             raise KeyError(f"stage with arrays: {not_among(stage, CONTRACT)}")
         if name not in CONTRACT[stage].arrays:
@@ -136,11 +189,9 @@ class Dataset(Sequence):
         return JoinedArray(self._run, stage, name, list(self._entries.values()))
 
     def load(self, stage: str, name: str, dtype: np.dtype | str | None = None) -> np.ndarray:
-        """One array of a stage, of all of these objects, in memory, converted to `dtype` if given.
-
-        Raises StoreError if objects differ in shape, and, naming file, object and remedy, if a value is NaN or infinite
-        where the contract has no such values (+inf is what depths have where nothing is in range).
-        """
+        """One array of a stage, of all of these objects, in memory, converted to `dtype` if given. Raises StoreError if
+        objects differ in shape, and, naming file, object and remedy, if a value is NaN or infinite where the contract
+        has no such values (+inf is what depths have where nothing is in range)."""
         values, empty = self.array(stage, name)[:], CONTRACT[stage].arrays[name].fill
         if values.dtype.kind == "f":
             right = (np.isfinite(values) | (values == empty)).reshape(len(values), -1).all(axis=1)
@@ -153,20 +204,17 @@ class Dataset(Sequence):
     def grasps(
         self, split: str | None = None, arrays: Iterable[str] | None = None, camera: int | None = 0
     ) -> GraspDataset:
-        """All grasps as a map-style dataset of dictionaries, for `torch.utils.data.DataLoader` as it is.
-
-        split: train, validation or test; all by default. arrays: which to read, by their names in the dictionaries;
-        all by default. camera: whose images are read; None for those of all, with an axis k.
-        See `palpate.dataset.GraspDataset`.
-        """
-        chosen = self if split is None else self.split(split)
-        return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
+        """All grasps as a map-style dataset of dictionaries, for `torch.utils.data.DataLoader` as it is. split: train,
+        validation or test; all by default. arrays: which to read, by their names in the dictionaries; all by default.
+        camera: whose images are read; None for those of all, with an axis k. See `palpate.dataset.GraspDataset`."""
+        entries = (self if split is None else self.split(split))._entries.values()
+        return GraspDataset(self._run, entries, self._required, arrays, camera)
 
     def presses(self, split: str | None = None, arrays: Iterable[str] | None = None) -> PressDataset:
         """All presses as a map-style dataset of dictionaries, as `grasps`. Raises StoreError, with the command that
         builds them, for a run without."""
-        chosen = self if split is None else self.split(split)
-        return PressDataset(self._run, chosen._entries.values(), self._required, arrays)
+        entries = (self if split is None else self.split(split))._entries.values()
+        return PressDataset(self._run, entries, self._required, arrays)
 
     def require_current(self, path: Path) -> None:
         """Raise StoreError if a file of the run is not as it was written, or was made from something else than the run
@@ -175,10 +223,8 @@ class Dataset(Sequence):
 
     def digests(self, stages: Collection[str] | None = None) -> dict[tuple[str, str], str]:
         """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
-
         stages: by default those that the run has or should have, of those that the objects must have come through.
-        Raises StoreError, with the command that builds it, if a store is missing.
-        """
+        Raises StoreError, with the command that builds it, if a store is missing."""
         if stages is None:
             stages = {*self._run.asked_stores, *self.stages} & {*self._required}
         batches = dict.fromkeys(entry.batch for entry in self._entries.values())
@@ -187,10 +233,8 @@ class Dataset(Sequence):
 
     def table(self) -> "pandas.DataFrame":
         """A row a grasp: object, class, split, batch, grasp, touches, and the object's row in `array`.
-
-        grasp: its number, from 0. touches: how many sensors touch the object. So `dataset.array("touch",
-        "depth")[row, grasp]` is that grasp's. A run without touches has a row an object, without grasp and touches.
-        """
+        grasp: its number, from 0. touches: how many sensors touch the object. So `dataset.array("touch", "depth")[row,
+        grasp]` is that grasp's. A run without touches has a row an object, without grasp and touches."""
         import pandas
 
         rows = [(*entry[:4], row) for row, entry in enumerate(self._entries.values())]
@@ -208,16 +252,20 @@ class Dataset(Sequence):
         """(o, k, 3, 4) float64 projections of the k cameras, from homogeneous world coordinates (m) to pixels."""
         return self.load("vision", "intrinsics") @ self.load("vision", "extrinsics")
 
+    def _touch(self) -> Store:
+        if not self._entries:
+            raise StoreError(f"{self!r}: no object whose touch store has the sensor; rejected.csv says why")
+        return self._run.store("touch", next(iter(self._entries.values())).batch)
+
     @property
     def empty_reading(self) -> np.ndarray:
         """(r, c, 3) uint8 reading of an untouched sensor. Raises StoreError if there is no object."""
-        batch = self._first_entry("whose touch store has the empty reading").batch
-        return self._run.store("touch", batch).get("empty_reading")
+        return self._touch().empty_reading
 
     @property
     def sensor(self) -> Sensor:
         """The kind of touch sensor, as the touch store states it. Raises StoreError if there is no object."""
-        return self._run.store("touch", self._first_entry("whose touch store has the sensor").batch).sensor
+        return self._touch().sensor
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -318,12 +366,9 @@ def _described(stage: str, spec: ArraySpec, leading: int) -> str:
 
 class ObjectRecord(_Record):
     """One object: its `name`, `class_name`, `split` and `batch` in the catalogue, `mesh` (folder), `grasps`, and every
-    array of the contract with one row an object. Shapes are in the symbols of docs/dataset.md
-    (`palpate.store.contract.SYMBOLS`). `normalised`: whether it has the one size of all, a diagonal of 0.5 m, and not
-    its source's.
-
-    Images, masks, depths and matrices are those of the scene's first camera; `seen_by(1)` gives the next one's.
-    """
+    array of the contract with one row an object. Shapes are in the symbols of docs/dataset.md. `normalised`: whether it
+    has the one size of all, a diagonal of 0.5 m, and not its source's. Images, masks, depths and matrices are those of
+    the scene's first camera; `seen_by(1)` gives the next one's."""
 
     def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
         super().__init__(run, entry, camera=camera)
@@ -338,8 +383,7 @@ class ObjectRecord(_Record):
     @property
     def drawn(self) -> dict[str, Any]:
         """Cameras, lights and background of its images as the config says them, if they were drawn; else empty."""
-        drawn: Any = self._run.store("vision", self.batch).attributes.get("drawn", {})
-        return drawn.get(self.name, {})
+        return self._run.store("vision", self.batch).attributes.get("drawn", {}).get(self.name, {})
 
     @cached_property
     def hand(self) -> "Hand":
@@ -366,12 +410,9 @@ class ObjectRecord(_Record):
 
 
 class GraspRecord(_Record):
-    """One grasp: every array of the contract with one row a grasp.
-
-    Arrays with one row a sensor are in the order of `sensors`. `reading` and `points` differ from the store:
-    an untouched sensor reads the empty gel, and the clouds are cut at their count. Shapes are in the symbols of
-    docs/dataset.md (`palpate.store.contract.SYMBOLS`).
-    """
+    """One grasp: every array of the contract with one row a grasp. Arrays with one row a sensor are in the order of
+    `sensors`. `reading` and `points` differ from the store: an untouched sensor reads the empty gel, and the clouds are
+    cut at their count. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`)."""
 
     of_grasps = True
 
@@ -425,10 +466,8 @@ class GraspRecord(_Record):
 
 class FramesRecord(_Record):
     """The frames of a grasp: its closing from the open hand to rest, every array of the contract with one row a frame.
-
     The last frame is the grasp. `occluded` has images of the frames `image_frame` only, by the record's camera; all
-    other arrays have all `len(frames)`. Shapes are in the symbols of docs/dataset.md.
-    """
+    other arrays have all `len(frames)`. Shapes are in the symbols of docs/dataset.md."""
 
     of_grasps = of_frames = True
 
@@ -456,10 +495,8 @@ class FramesRecord(_Record):
 
 class PressRecord(_Record):
     """One press of a sensor onto the object, without a hand: every array of the contract with one row a press.
-
     `reading`, `indentation` and others have a row for each of the forces in `force`. Shapes are in the symbols of
-    docs/dataset.md.
-    """
+    docs/dataset.md."""
 
     of_presses = True
 

@@ -1,6 +1,5 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
-from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
@@ -17,8 +16,7 @@ from palpate.rebuild_command import BATCHES, RECORD, REJECTED, rebuild_advice, r
 from palpate.seal import DamagedFile, Seal
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STORES, RELEASED, STAGES
-from palpate.store.contract import CONTRACT
-from palpate.store.errors import reading
+from palpate.store.contract import CONTRACT, reading
 from palpate.store.files import Store, StoreError
 
 # Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reading.py).
@@ -26,11 +24,9 @@ REMEMBERED_STORES = 1024
 
 
 class Run:
-    """The files of one run, shared by a dataset, its views and its records.
-
-    Stores are opened when they are read. Safe to pickle and to fork: nothing stays open, and what is remembered is
-    small (names, array headers), of the catalogue and of the `REMEMBERED_STORES` stores that were used last.
-    """
+    """The files of one run, shared by a dataset, its views and its records. Stores are opened when they are read. Safe
+    to pickle and to fork: nothing stays open, and what is remembered is small (names, array headers), of the catalogue
+    and of the `REMEMBERED_STORES` stores that were used last."""
 
     def __init__(self, folder: Path | str):
         self.folder = Path(folder)
@@ -74,12 +70,11 @@ class Run:
         return seal.by_path(self.config)
 
     @cached_property
-    def _entries(self) -> dict[str, list[CatalogueEntry]]:
-        """The catalogue by batch."""
-        found = defaultdict(list)
+    def _entries(self) -> dict[str, list[CatalogueEntry]]:  # by batch
+        found: dict[str, list[CatalogueEntry]] = {}
         for entry in self.catalogue.values():
-            found[entry.batch].append(entry)
-        return dict(found)
+            found.setdefault(entry.batch, []).append(entry)
+        return found
 
     @cached_property
     def batches(self) -> list[str]:
@@ -96,12 +91,10 @@ class Run:
         return tuple(stage.name for stage in stages if stage.is_asked(self.config))
 
     def rejections(self, batch: str | None = None, stages: Iterable[str] | None = None) -> list[dict[str, str]]:
-        """Rows object, stage, reason, of one batch or of all, at some stages or at any.
-
-        Of `rejected/<stage>/<batch>.csv`, or of `rejected.csv` if no stage has written its own yet. Raises StoreError
-        if one can't be read, or is missing though the batch's store is there. Whether a table is that of the store is
-        compared when the store is read: of other batches both may just be made again.
-        """
+        """Rows object, stage, reason, of one batch or of all, at some stages or at any. Of
+        `rejected/<stage>/<batch>.csv`, or of `rejected.csv` if no stage has written its own yet. Raises StoreError if
+        one can't be read, or is missing though the batch's store is there. Whether a table is that of the store is
+        compared when the store is read: of other batches both may just be made again."""
         made = sorted(path.name for path in self.folder.glob("rejected/*"))
         batches = self.batches if batch is None else [batch]
         paths = {self.folder / f"rejected/{stage}/{name}.csv": (stage, name) for stage in made for name in batches}
@@ -119,7 +112,6 @@ class Run:
         return (self.folder / path).exists()
 
     def rejected(self, stages: Iterable[str] | None = None) -> set[str]:
-        """Objects rejected so far, at some stages or at any."""
         return {row["object"] for row in self.rejections(stages=stages)}
 
     def require_config(self, path: Path) -> None:
@@ -137,7 +129,6 @@ class Run:
         return {name: entry for name, entry in self.catalogue.items() if name not in rejected}
 
     def has(self, stage: str) -> bool:
-        """Whether any batch of this stage is there."""
         return any((self.folder / CONTRACT[stage].path(batch)).exists() for batch in self.batches)
 
     def store(self, stage: str, batch: str) -> Store:
@@ -166,8 +157,7 @@ class Run:
         return folder
 
     @cached_property
-    def _sources(self) -> dict[str, str]:
-        """Digests of the batches' source files, by the names that seals have for them."""
+    def _sources(self) -> dict[str, str]:  # digests of the batches' source files, by the names that seals have for them
         return {label: digest for entries in self._entries.values() for label, digest in sources_of(entries).items()}
 
     def digest(self, label: str) -> str | None:
@@ -194,9 +184,7 @@ class Run:
 
     def _require_fitting(self, batch: str, sealed: Seal) -> None:
         """Raise StoreError if an output does not fit the run, or one of the batch that was read before no longer does.
-
-        What was read before stays what the run has: this finds outputs that are made again in the meantime.
-        """
+        What was read before stays what the run has: this finds outputs that are made again in the meantime."""
         read = self._read.setdefault(batch, {})
         with reading(sealed.path):
             self._require_current(sealed)
@@ -210,9 +198,7 @@ class Run:
 
     def read(self, stage: str, name: str, entry: CatalogueEntry, index: tuple[int | slice, ...] = ()) -> np.ndarray:
         """What `index` picks of the object's row of an array, as it is stored; but for readings: see `fill_untouched`.
-
-        Raises StoreError as `store` and `row` do.
-        """
+        Raises StoreError as `store` and `row` do."""
         row, store = self.row(stage, entry), self.store(stage, entry.batch)
         values = store.get(name, (row, *index))
         if (stage, name) != ("touch", "reading"):
@@ -225,16 +211,13 @@ class Run:
         store = self.store(stage, entry.batch)
         if entry.object in store.rows:
             return store.rows[entry.object]
-        path = store.path
+        why = f"the catalogue puts in {entry.batch}; {rebuild_advice(store.path)}"
         for row in self.rejections(entry.batch):
             if row["object"] == entry.object:
-                raise StoreError(
-                    f"{path} does not hold {entry.object}, which was rejected at {row['stage']}: "
-                    f"{row['reason']}; open the dataset with this stage to omit it"
-                )
-        raise StoreError(
-            f"{path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; {rebuild_advice(path)}"
-        )
+                reason = f"was rejected at {row['stage']}: {row['reason']}"
+                why = f"{reason}; open the dataset with this stage to omit it"
+                break
+        raise StoreError(f"{store.path} does not hold {entry.object}, which {why}")
 
     def grasps(self, entry: CatalogueEntry) -> int:
         """Grasps of the object, by the first stage that has grasps."""
@@ -247,9 +230,7 @@ class Run:
 
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:
     """Readings in which sensors that touched nothing read the empty gel; stores omit these, so that they are 0.
-
-    success: bool, of any shape; reading: (*success.shape, *empty.shape). empty: the empty gel, (r, c, 3) or a part.
-    """
+    success: bool, of any shape; reading: (*success.shape, *empty.shape). empty: the empty gel, (r, c, 3) or a part."""
     return np.where(np.asarray(success)[(..., *[None] * np.ndim(empty))], reading, empty)
 
 

@@ -19,10 +19,8 @@ MOST_REASONS = 3
 
 
 def summary(folder: Path | str) -> list[str]:
-    """Lines on the objects of a run: how many are used, rejected with the commonest reasons, and in each split.
-
-    An object is used if no stage has rejected it so far. Empty if the run has no catalogue yet.
-    """
+    """Lines on the objects of a run: how many are used, rejected with the commonest reasons, and in each split. An
+    object is used if no stage has rejected it so far. Empty if the run has no catalogue yet."""
     run = Run(folder)
     try:
         entries = run.catalogue
@@ -46,13 +44,15 @@ def summary(folder: Path | str) -> list[str]:
 def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
     """Lines on missing textures, copies, splits that were filled, and files that were passed over."""
     entries = run.catalogue
-    facts = {name: each for batch in run.batches for name, each in _facts(run.folder / "meshes" / batch).items()}
+    facts: dict[str, dict[str, Any]] = {}
+    for batch in run.batches:
+        with contextlib.suppress(OSError, DamagedFile):  # not made yet, or damaged
+            facts |= read_record(run.folder / "meshes" / f"{batch}{FACTS}")
     facts = {name: each for name, each in facts.items() if name in entries and name not in rejected}
-    if lacking := [
-        f"{name} ({', '.join(f'{file[-60:]}: {problem}' for file, problem in each['problems'].items())})"
-        for name, each in facts.items()
-        if each["problems"]
-    ]:
+    problems = {
+        name: [f"{file[-60:]}: {what}" for file, what in each["problems"].items()] for name, each in facts.items()
+    }
+    if lacking := [f"{name} ({', '.join(files)})" for name, files in problems.items() if files]:
         plural = "s" * (len(lacking) > 1)
         yield f"{len(lacking)} object{plural} without a texture that the file names: {listed(lacking, MOST_REASONS)}"
     checksums = {name: entry.checksum for name, entry in entries.items()}
@@ -66,13 +66,6 @@ def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
     with contextlib.suppress(ConfigError, KeyError):  # the config of an older version
         project = Path(__file__).parents[2]  # an editable install, of the workflow's folder
         yield from unread_lines(Source.from_config(run.config, project))
-
-
-def _facts(batch: Path) -> dict[str, dict[str, Any]]:
-    try:
-        return read_record(batch.with_name(batch.name + FACTS))
-    except (OSError, DamagedFile):  # not made yet, or damaged
-        return {}
 
 
 def kind_of_reason(reason: str) -> str:

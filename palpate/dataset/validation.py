@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -40,7 +40,6 @@ SEALED = (
     *("batches.json", "catalogue.csv", "config.yaml", "rejected.csv"),
     *("catalogue", "evaluations", "figures", "meshes", "models", "rejected", "reports", "tables", "tuning"),
 )
-CHECK_STAGE = {name: checks.of_stage(name) for name in DATASET_STORES}  # of one object
 
 
 class Finding(NamedTuple):
@@ -79,7 +78,6 @@ class _Batch:
             self.open(stage)
 
     def add(self, check: str, store: str, value: float, object: str = "", where: str = "") -> None:
-        """Add one finding."""
         value, limit = float(value), float(self.limits[check])
         self.findings.append(Finding(check, store, self.name, object, where, value, limit))
 
@@ -136,16 +134,10 @@ class _Batch:
         rejected = {row["object"] for row in self.rejected if row["stage"] in stages}
         expected = [name for name in self.catalogue if name not in rejected]
         found = self.objects[stage]
-        wrong = sorted({*expected} ^ {*found})
-        self.add(
-            "objects",
-            stage,
-            len(wrong) or found != expected,
-            where=", ".join(wrong) or "another order" * (found != expected),
-        )
+        wrong = ", ".join(sorted({*expected} ^ {*found})) or "another order" * (found != expected)
+        self.add("objects", stage, len({*expected} ^ {*found}) or found != expected, where=wrong)
 
     def check_empty_reading(self, sensor: Sensor) -> None:
-        """The stored empty reading equals that of the sensor."""
         # Whether a store without objects is of pressed gels, it does not say.
         for stage in [name for name in ("touch", "press") if self.objects.get(name)]:
             with self.reading(stage):
@@ -154,14 +146,7 @@ class _Batch:
                 same = stored.shape == expected.shape
                 self.add("empty reading", stage, np.abs(stored - expected).max() if same else np.inf)
 
-    def rows(self, stage: str, name: str) -> dict[str, np.ndarray]:
-        """The object's row of every array of the store."""
-        row, specs = self.objects[stage].index(name), CONTRACT[stage].arrays
-        stored = (key for key, spec in specs.items() if spec.of_objects and key in self.arrays[stage])
-        return {key: self.stores[stage].get(key, row) for key in stored}
-
     def check_object(self, name: str, hand: Hand | None, sensor: Sensor) -> None:
-        """Everything about one object."""
         item = CheckedObject({}, self.run.folder / "meshes" / self.name / name, hand, sensor)
         try:
             self.measure("meshes", name, checks.check_mesh(item))
@@ -171,9 +156,12 @@ class _Batch:
         self.add("readable", "meshes", 0, name)
         for stage in self.stores:
             if name in self.objects[stage] and not (stage in ("grasps", "frames") and hand is None):
+                row, specs = self.objects[stage].index(name), CONTRACT[stage].arrays
+                stored = (key for key, spec in specs.items() if spec.of_objects and key in self.arrays[stage])
                 with self.reading(stage, name):
-                    item.rows[stage] = self.rows(stage, name)
-                    self.measure(stage, name, CHECK_STAGE[stage](item))
+                    item.rows[stage] = {key: self.stores[stage].get(key, row) for key in stored}
+                    check = checks.OF_STAGE.get(stage, partial(checks.check_values, stage))
+                    self.measure(stage, name, check(item))
         if {"grasps", "touch"} <= set(item.rows):
             self.measure("touch", name, checks.check_together(item))
 
@@ -182,28 +170,19 @@ class _Batch:
         for check, values in measured:
             values = np.asarray(values, dtype=float)
             values = np.where(np.isnan(values), np.inf, values)
-            worst = values.max(initial=0)
-            self.add(check, store, worst, name, self.first(values == worst, store) if worst > 0 else "")
-
-    def first(self, wrong: np.ndarray, store: str) -> str:
-        """Where the first wrong value is: "grasp 2, sensor thumb"; nothing if there is none, or no axis.
-
-        wrong: bool, one value, or one a grasp or press, or one a grasp and sensor.
-        """
-        if not wrong.ndim or not wrong.any():
-            return ""
-        number, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
-        unit = "press" if store == "press" else "grasp"
-        return ", ".join([f"{unit} {number}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
+            worst, where = values.max(initial=0), ""
+            if worst > 0 and values.ndim:  # "grasp 2, sensor thumb"
+                number, *sensor = np.unravel_index((values == worst).argmax(), values.shape)
+                unit = "press" if store == "press" else "grasp"
+                where = ", ".join([f"{unit} {number}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
+            self.add(check, store, worst, name, where)
 
 
 def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, others: bool = True) -> list[Finding]:
-    """Compare all files of a batch with their seals, and the seals with what the run has now.
-
-    Compared are meshes, the stores of `stages`, by default those of the run's dataset, and `others` that are there.
-    `where` of a finding of files that passed is the digest of their seal: as long as it stays, so does everything that
-    was found in their values.
-    """
+    """Compare all files of a batch with their seals, and the seals with what the run has now. Compared are meshes, the
+    stores of `stages`, by default those of the run's dataset, and `others` that are there. `where` of a finding of
+    files that passed is the digest of their seal: as long as it stays, so does everything that was found in their
+    values."""
     findings, stages = [], ("meshes", *(stages or run.asked_stores))
     paths = {name: run.folder / stage.path(batch) for name, stage in STAGES.items()}
     paths["exr"] = run.folder / "exr" / batch
@@ -249,20 +228,6 @@ def outputs(run: Path) -> Iterator[Path]:
                 yield path
 
 
-def _check_outputs(run: Run, paths: Iterable[Path]) -> Iterator[Finding]:
-    """Whether files of a run are as they were written, and made from what the run has now."""
-    damaged, outdated, digest_of = [], [], cache(run.digest)
-    for path in paths:
-        batch = path.stem.removesuffix(".facts")
-        damage, difference, _ = look_at(run, path, digest_of)
-        if damage and path.exists():  # what was removed is built again
-            damaged.append(damage)
-        if difference and not (batch.startswith("batch-") and batch not in run.batches):  # of an earlier config
-            outdated.append(difference)
-    for check, found in (("tables", damaged), ("made from", outdated)):
-        yield _of_run(check, "run", found)
-
-
 def validate_batch(
     run: Path | str,
     batch: str,
@@ -271,12 +236,9 @@ def validate_batch(
     others: bool = True,
 ) -> list[Finding]:
     """Check every file and every array of every store of one batch.
-
-    run: the run's folder. max_penetration: metres, by which the run's grasps were accepted. stages: whose
-    stores are checked, by default those of the run's dataset; one that is missing fails. others: whether files of
-    further stores are compared as well, where there are some. Needs `catalogue/<batch>.csv` and the meshes. What is
-    wrong with a store or a mesh never raises: it is a finding.
-    """
+    max_penetration: metres, by which the run's grasps were accepted. stages: whose stores are checked, by default those
+    of the run's dataset; one that is missing fails. others: whether files of further stores are compared as well. Needs
+    `catalogue/<batch>.csv` and the meshes. What is wrong with a store or a mesh never raises: it is a finding."""
     opened = Run(run)
     stages = stages or opened.asked_stores
     checked = _Batch(opened, batch, stages, max_penetration)
@@ -299,12 +261,10 @@ def write_findings(path: Path | str, findings: Iterable[Finding], made_from: Mad
 
 
 def read_findings(path: Path | str) -> list[Finding]:
-    """The findings that `write_findings` wrote."""
-    rows = read_rows(path, Finding._fields)
-    words = [[row[name] for name in Finding._fields[:5]] for row in rows]
+    rows = ([row[name] for name in Finding._fields] for row in read_rows(path, Finding._fields))
     return [
-        Finding(check, store, batch, name, where, float(row["value"]), float(row["limit"]))
-        for (check, store, batch, name, where), row in zip(words, rows, strict=True)
+        Finding(check, store, batch, name, where, float(value), float(limit))
+        for check, store, batch, name, where, value, limit in rows
     ]
 
 
@@ -312,25 +272,19 @@ def check_again(
     run: Path | str, batches: Iterable[Path | str], max_penetration: float = MAX_PENETRATION
 ) -> tuple[list[Finding], int]:
     """The findings of a run whose batches were validated before, and how many batches had to be validated anew.
-
     batches: tables of `write_findings`, `<batch>.csv`. All files are compared with their checksums. Values are looked
-    at again if the files are intact but not those that the table is about, or if there is no table.
-    """
+    at again if the files are intact but not those that the table is about, or if there is no table."""
     findings, anew, opened = [], 0, Run(run)
     for path in tqdm([*map(Path, batches)], desc="validate", unit="batch", disable=not sys.stderr.isatty()):
-        if not path.exists():
-            findings += validate_batch(run, path.stem, max_penetration)
-            anew += 1
-            continue
-        before = read_findings(path)
-        now = check_files(opened, path.stem)
-        states = {finding.store: finding.where for finding in now if finding.ok and finding.check == "files"}
-        about = {finding.store: finding.where for finding in before if finding.check == "files"}
-        if all(finding.ok for finding in now) and any(states.get(store) != state for store, state in about.items()):
-            findings += validate_batch(run, path.stem, max_penetration)
-            anew += 1
-        else:
-            findings += [*now, *(finding for finding in before if finding.check not in ("files", "made from"))]
+        if path.exists():
+            before, now = read_findings(path), check_files(opened, path.stem)
+            states = {finding.store: finding.where for finding in now if finding.ok and finding.check == "files"}
+            about = {finding.store: finding.where for finding in before if finding.check == "files"}
+            if any(not each.ok for each in now) or all(states.get(store) == state for store, state in about.items()):
+                findings += [*now, *(finding for finding in before if finding.check not in ("files", "made from"))]
+                continue
+        findings += validate_batch(run, path.stem, max_penetration)
+        anew += 1
     return findings, anew
 
 
@@ -341,10 +295,8 @@ def validate(
     sources: Path | str | None = None,
 ) -> tuple[bool, str]:
     """Check a run again: whether all checks passed, and what was checked and found, in words.
-
     batches, max_penetration: as `check_again` takes them. sources: as `combine_validation` does. A run of which no
-    object could be used does not pass.
-    """
+    object could be used does not pass."""
     start, run = time.perf_counter(), Path(run)
     findings, anew = check_again(run, batches, max_penetration)
     table = combine_validation(findings, run, sources, outputs(run))
@@ -370,21 +322,26 @@ def combine_validation(
     files: Iterable[Path] | None = None,
 ) -> "pd.DataFrame":
     """One row a check, store and batch, after the checks that need the whole run.
-
-    findings: of all batches. run: its folder, with catalogue and rejections. sources: the folder of the source files,
-    which are compared with the catalogue's checksums if it is given. files: that are compared with their seals, by
-    default catalogue and rejections: others may be made while a run goes on.
-    Columns: check, store, batch, objects (how many were checked; 0 for a check of a whole store), worst,
-    limit, passed, where (what failed: object, grasp, sensor).
-    """
+    findings: of all batches. sources: the folder of the source files, which are compared with the catalogue's checksums
+    if it is given. files: that are compared with their seals, by default catalogue and rejections: others may be made
+    while a run goes on. Columns: check, store, batch, objects (how many were checked; 0 for a check of a whole store),
+    worst, limit, passed, where (what failed: object, grasp, sensor)."""
     import pandas as pd
 
-    run = Path(run)
+    run, opened = Path(run), Run(run)
+    damaged, outdated, digest_of = [], [], cache(opened.digest)
+    for path in [run / "catalogue.csv", run / "rejected.csv"] if files is None else files:
+        batch = path.stem.removesuffix(".facts")
+        damage, difference, _ = look_at(opened, path, digest_of)
+        if damage and path.exists():  # what was removed is built again
+            damaged.append(damage)
+        if difference and not (batch.startswith("batch-") and batch not in opened.batches):  # of an earlier config
+            outdated.append(difference)
     catalogue = read_catalogue(run / "catalogue.csv")
     twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)
     of_run = [
         _of_run("one split", "catalogue", {*twice, *(each.object for each in catalogue if each.split not in SPLITS)}),
-        *_check_outputs(Run(run), [run / "catalogue.csv", run / "rejected.csv"] if files is None else files),
+        *(_of_run(check, "run", found) for check, found in {"tables": damaged, "made from": outdated}.items()),
     ]
     if sources is not None:
         of_run.append(_check_sources(run, catalogue, Path(sources)))

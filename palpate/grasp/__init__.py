@@ -1,9 +1,8 @@
 """Grasps, on the surface or across the object: placement of the palm, targets of the fingers, closing in MuJoCo,
 penetration check, selection; and whether they hold."""
 
-from palpate.grasp.across import grasper_type
-from palpate.grasp.frames import closing_frames
+from palpate.grasp.antipodal import grasper_type
+from palpate.grasp.frames import closing_frames, hold_grasps
 from palpate.grasp.grasp import Grasper, GraspSet, check_hand, grasp_object
-from palpate.grasp.hold import hold_grasps
 
 __all__ = ["GraspSet", "Grasper", "check_hand", "closing_frames", "grasp_object", "grasper_type", "hold_grasps"]

@@ -1,18 +1,27 @@
-"""Grasps across an object: pairs of opposing surface points, and a hand placed with its fingers on both sides.
+"""Grasps across an object: the hand is placed about two opposing surface points, and closes with friction and a grip.
 
 Pairs are sampled as in ACRONYM (Eppner, Mousavian, Fox 2021): from a surface point a ray goes into the object, within
 the friction cone of the normal; where it leaves the object it has to be within the friction cone there.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from functools import cached_property, lru_cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.grasp.targets import Surface, Workspace, solve_positive_definite, tangents
+from palpate.batch import UnusableObject
+from palpate.grasp.contacts import Contacts, on_object
+from palpate.grasp.grasp import BLOCKED, ONE_SIDE, Grasp, Grasper
+from palpate.grasp.hold import GripSimulation
+from palpate.grasp.targets import Surface, Workspace, solve_positive_definite
 from palpate.hand import Hand
 from palpate.hand.hand import rotation_about
 from palpate.surface.embree import RayMesh
+from palpate.touch.presses import tangents
 
+PLACEMENTS = 50  # pairs and placements for one attempt
+LEAST_FORCE = 0.05  # of the grip, of the sensors of each side: with less they don't press
 RAYS = 64  # traced at once
 STEP = 1e-6  # m off a face, from which a ray does not meet it
 NARROWEST = 1e-5  # m between the points of a pair
@@ -29,14 +38,66 @@ BESIDE = 0.02  # m that other fingers of a side look for a surface that faces th
 BESIDE_FACING = np.cos(np.radians(45))
 
 
-class Placement(NamedTuple):
-    """A hand before it closes on a pair, in the object's frame: the palm's pose (4, 4), joint positions (J,), servos'
-    targets (J,), and which side of the object each sensor presses (s,): -1 or 1, 0 for none."""
+class AntipodalGrasper(Grasper):
+    """A `Grasper` that places the hand across the object, and closes it with a grip.
 
-    pose: np.ndarray
-    joints: np.ndarray
-    targets: np.ndarray
-    sides: np.ndarray
+    A grasp's `more` are the arrays that the contract has for such grasps.
+    """
+
+    simulation: GripSimulation
+
+    def __init__(self, *args: Any, grip: float, is_loose: bool = True, **kwargs: Any):
+        """grip: N with which each side of the hand presses. is_loose: whether the object moves while the hand closes.
+        Raises UnusableObject for a hand whose fingers can't oppose each other."""
+        self.grip, self.is_loose = grip, is_loose
+        super().__init__(*args, **kwargs)
+        self.rays, self.ways = RayMesh(self.visual), oppositions(self.workspace)
+        if not len(self.ways.joints):
+            raise UnusableObject(f"no two fingers of hand {self.hand.name!r} oppose each other: name them (`opposes`)")
+
+    def simulate(self) -> GripSimulation:
+        """As `Grasper.simulate`."""
+        return self.loose(GripSimulation, grip=self.grip, loose=self.is_loose)
+
+    @cached_property
+    def loose_simulation(self) -> GripSimulation:
+        """As `Grasper.loose_simulation`."""
+        return self.simulation if self.is_loose else self.loose(GripSimulation, grip=self.grip)
+
+    def attempt(self, rng: np.random.Generator) -> Grasp | str:
+        """As `Grasper.attempt`, about a random pair of points at which the hand is clear of the object and itself."""
+        tried, widest, simulation = 0, float(self.ways.width.max()), self.simulation
+        for _ in range(PLACEMENTS):
+            pairs = opposing_points(self.surface, self.rays, self.hold["friction"], widest, rng)
+            for pair in pairs[: PLACEMENTS - tried]:
+                tried += 1
+                placed = place(self.workspace, self.ways, pair, self.surface, rng)
+                if placed is None:
+                    continue
+                self.placed, simulation.sides = placed, placed["sensor_side"]
+                at_start = placed["start_pose"], placed["start_positions"]
+                simulation.place(*at_start)
+                links = self.hand.forward(*at_start)
+                clear = not simulation.in_contact() and not self.check.in_object(links)
+                if clear and self.check.in_itself(links) <= self.max_penetration:
+                    return self.closed_at(placed["start_pose"], placed["target_positions"])
+        return BLOCKED
+
+    def at_rest(self, touching: Contacts) -> dict[str, np.ndarray] | str:
+        """As `Grasper.at_rest`: how the closing began, where the servos are, and the forces on the object."""
+        pressed, sides = on_object(touching), self.placed["sensor_side"]
+        force = (pressed.force * (pressed.link == self.hand.sensor_link[:, None])).sum(axis=1)
+        if min(force[sides == side].sum() for side in (-1, 1)) < LEAST_FORCE * self.grip:
+            return ONE_SIDE
+        return self.placed | {"servo_positions": self.servo_positions(), "sensor_force": force}
+
+
+def grasper_type(grasps: Mapping[str, Any], hold: Mapping[str, Any]) -> Callable[..., Grasper]:
+    """What makes the graspers of a config's `grasps` and `hold`; arguments of the result as for `Grasper`."""
+    test = {"hold": hold, "only_held": grasps["keep"] == "hold"}
+    if grasps["placement"] == "antipodal":
+        return partial(AntipodalGrasper, grip=grasps["grip"], is_loose=grasps["object"] == "loose", **test)
+    return partial(Grasper, **test)
 
 
 def opposing_points(
@@ -83,22 +144,19 @@ class Oppositions(NamedTuple):
     main: np.ndarray  # (2,) the sensors of side -1 and of side 1 that are aimed at a pair
     joints: np.ndarray  # (K, J)
     apex: np.ndarray  # (K, 2, 3) m, of the main gels
-
-    @property
-    def width(self) -> np.ndarray:
-        """Distance (K,) between the main gels, m."""
-        return np.linalg.norm(self.apex[:, 1] - self.apex[:, 0], axis=-1)
+    width: np.ndarray  # (K,) m, between the main gels
 
 
-def oppositions(workspace: Workspace, rng: np.random.Generator) -> Oppositions:
-    """Ways of opposing among random configurations; none for a hand that can't pinch."""
+@lru_cache(maxsize=1)
+def oppositions(workspace: Workspace) -> Oppositions:
+    """Ways of opposing among random configurations, the same in every process; none for a hand that can't pinch."""
     hand, sides, main = workspace.hand, sides_of(workspace.hand), np.zeros(2, dtype=int)
     for number, side in enumerate((-1, 1)):  # the middle one
         mine = np.flatnonzero(sides == side) if sides.any() else np.zeros(1, dtype=int)
         away = np.linalg.norm(workspace.open_apex[mine] - workspace.open_apex[mine].mean(axis=0), axis=1)
         main[number] = mine[away.argmin()]
     own = workspace.moves[main]
-    drawn = rng.integers(len(workspace.configurations), size=(2, DRAWN))
+    drawn = np.random.default_rng(0).integers(len(workspace.configurations), size=(2, DRAWN))
     drawn[1] = drawn[0] if (own[0] & own[1]).any() else drawn[1]
     apex, direction = workspace.apex(hand.forward(np.eye(4), workspace.configurations))
     ends, facing = (np.stack([values[drawn[k], main[k]] for k in (0, 1)], axis=1) for values in (apex, direction))
@@ -110,14 +168,15 @@ def oppositions(workspace: Workspace, rng: np.random.Generator) -> Oppositions:
     joints = np.tile(hand.open_joint_positions, (len(good), 1))
     for k in (0, 1):
         joints[:, own[k]] = workspace.configurations[drawn[k, good]][:, own[k]]
-    return Oppositions(sides, main, joints, ends[good])
+    return Oppositions(sides, main, joints, ends[good], width[good])
 
 
 def place(
     workspace: Workspace, ways: Oppositions, pair: np.ndarray, surface: Surface, rng: np.random.Generator
-) -> Placement | None:
+) -> dict[str, np.ndarray] | None:
     """A hand about a pair of points (2, 3): the main gels `CLEARANCE` off them along the line from the first to the
-    second, turned about it at random; None if the hand can't reach so."""
+    second, turned about it at random; None if the hand can't reach so. In the object's frame, by the contract's names:
+    `start_pose`, `start_positions`, `target_positions` and `sensor_side`."""
     width = np.linalg.norm(pair[1] - pair[0])
     axis = (pair[1] - pair[0]) / width
     near = np.argsort(np.abs(ways.width - width - 2 * CLEARANCE), kind="stable")[: 8 * TRIED]
@@ -150,7 +209,8 @@ def place(
             directions.append(inward[best, k])
     goal = np.array(goals) + np.array(directions) * np.array([-CLEARANCE, PRESS])[:, None, None]
     (joints, targets), _ = reach(workspace, opened[[best, best]], np.array(sensors), goal, np.array(directions))
-    return Placement(pose[best], joints, targets, ways.sides * np.isin(np.arange(len(ways.sides)), sensors))
+    start = {"start_pose": pose[best], "start_positions": joints, "target_positions": targets}
+    return start | {"sensor_side": ways.sides * np.isin(np.arange(len(ways.sides)), sensors)}
 
 
 def reach(
@@ -166,7 +226,7 @@ def reach(
     goals[0][:, sensors], goals[1][:, sensors] = goal, inward
     best, off = joints, np.full((len(joints), len(sensors), 6), np.inf)
     for _ in range(ITERATIONS):
-        error, jacobian = (values[:, sensors] for values in workspace._linearised(joints, *goals))
+        error, jacobian = (values[:, sensors] for values in workspace.linearised(joints, *goals))
         missed, least = (np.linalg.norm(values, axis=-1).max(axis=-1) for values in (error, off))
         if (missed > CONVERGED * least).all():
             break

@@ -50,7 +50,7 @@ class GraspSimulation:
     """
 
     loose = False  # whether the object can move
-    sides: np.ndarray  # of a grip: `palpate.grasp.gripping`
+    sides: np.ndarray  # of a grip: `palpate.grasp.hold`
 
     def __init__(
         self,
@@ -60,11 +60,8 @@ class GraspSimulation:
         duration: float = DURATION,
         stiffness: float = STIFFNESS,
     ):
-        """Compile the model once; it serves all attempts.
-
-        patches: of `surface_patches`, (V, 3) each, metres. timestep, duration: seconds. stiffness: the servos' gain,
-        N m / rad. Raises ValueError for a time step at which closing isn't stable, or takes too long.
-        """
+        """patches: of `surface_patches`, (V, 3) each, metres. timestep, duration: seconds. stiffness: the servos' gain,
+        N m / rad. Raises ValueError for a time step at which closing isn't stable, or takes too long."""
         if not LEAST_TIMESTEP <= timestep <= LARGEST_TIMESTEP:
             raise ValueError(
                 f"grasps: a time step of {1e3 * timestep:g} ms is not between {1e3 * LEAST_TIMESTEP:g} and"
@@ -122,7 +119,11 @@ class GraspSimulation:
     @property
     def object_pose(self) -> np.ndarray:
         """Pose (4, 4) of the object in the present state: the identity, where it is held."""
-        return np.eye(4)
+        pose, rotation = np.eye(4), np.zeros(9)
+        if self.loose:  # not `xpos`, which after a step is that before it
+            mujoco.mju_quat2Mat(rotation, self.data.qpos[-4:])
+            pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), self.data.qpos[-7:-4]
+        return pose
 
     def seen_from_object(self, pose: np.ndarray) -> np.ndarray:
         """A pose (4, 4) relative to the object in the present state, if it is that before the object has moved."""

@@ -1,28 +1,31 @@
-"""Frames of an object's grasps: the closing hand at moments from open to rest.
+"""An object's kept grasps, made again: frames of the closing hand from open to rest, and whether the grasps hold.
 
 A closing depends on the palm's pose and the servos' targets only. So placements are drawn again with the grasps'
 generator, and the closings of those that were kept are simulated again. Omitted are the closings that gave no kept
 grasp, and all checks of touch and penetration.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from palpate.grasp.contacts import SLOTS, contact_arrays, contacts
+from palpate.grasp.contacts import SLOTS, cone_margin, contact_arrays, contacts, wrench_radius
 from palpate.grasp.grasp import Grasper
+from palpate.grasp.hold import DIRECTIONS
 from palpate.mesh import OBJECT_POSITION
 from palpate.seal import DamagedFile
 
 # Of what every frame has, in the order in which `closing_frames` makes it.
 NAMES = ("time", "joint_positions", "joint_velocities", "link_pose", "sensor_position", "sensor_rotation")
+DIFFERS = (
+    "closing again does not give the stored grasps bit for bit: they were made with another version of an engine, "
+    "or on another kind of processor; "
+)
 
 
 def frame_steps(count: int, steps: int) -> np.ndarray:
-    """Steps of a closing of `steps` time steps at which its `count` frames are: evenly in time, the last at rest.
-
-    The first is the open hand, 0, unless there is only one. Raises ValueError for more frames than states.
-    """
+    """Steps of a closing of `steps` time steps at which its `count` frames are: evenly in time, the last at rest, and
+    the first the open hand, 0, unless there is only one. Raises ValueError for more frames than states."""
     if count > steps + 1:
         raise ValueError(f"frames: {count} moments of a closing of {steps} time steps: ask for at most {steps + 1}")
     return np.rint(np.linspace(steps, 0, count)).astype(int)[::-1]
@@ -53,15 +56,7 @@ def kept_closings(
             drawn_again += 1
             yield int(number), pose, grasper.workspace.targets(pose, grasper.surface, thumb)
     if drawn_again < len(palms):
-        raise differs(remedy)
-
-
-def differs(remedy: str) -> DamagedFile:
-    """The error of grasps that closing again does not give."""
-    return DamagedFile(
-        "closing again does not give the stored grasps bit for bit: they were made with another version of an engine, "
-        f"or on another kind of processor; {remedy}"
-    )
+        raise DamagedFile(DIFFERS + remedy)
 
 
 def closing_frames(
@@ -102,5 +97,43 @@ def closing_frames(
         taken = np.arange(SLOTS) < frames["contact_count"][..., None]
         frames["contact_position"] += taken[..., None] * np.array(OBJECT_POSITION)
     if any((frames[name][:, -1] != kept[name]).any() for name in NAMES if name in kept):
-        raise differs(remedy)
+        raise DamagedFile(DIFFERS + remedy)
     return frames
+
+
+def hold_grasps(
+    grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, remedy: str = ""
+) -> dict[str, np.ndarray]:
+    """Whether each of an object's g kept grasps holds it, by the names that the contract has for the arrays.
+
+    Arguments as for `closing_frames`. An object that stays within the distance of the grasper's `hold` for its duration
+    is held. The simulation of a direction ends at the distance: dropped objects cost little. Raises DamagedFile, with
+    the remedy, if a placement of a kept grasp is not drawn again.
+    """
+    simulation, hold = grasper.loose_simulation, grasper.hold
+    body, count = simulation.body, len(kept["palm_pose"])
+    length = np.linalg.norm(grasper.collision.vertices - body.centre, axis=1).max()
+    moved, (radius, margin) = np.full((count, len(DIRECTIONS)), np.nan), np.zeros((2, count))
+    if "servo_positions" in kept:
+        poses = kept["palm_pose"].copy()
+        poses[:, :3, 3] -= OBJECT_POSITION
+        closed: Iterable = zip(range(count), poses, kept["servo_positions"], strict=True)
+    else:
+        closed = kept_closings(grasper, kept, rng, remedy)
+    for number, pose, targets in closed:
+        at_rest = pose, kept["joint_positions"][number], targets
+        moved[number] = [*grasper.moved(*at_rest)]
+        pressed = simulation.pressed(*at_rest)
+        radius[number] = wrench_radius(pressed, hold["friction"], body.centre, length)
+        margin[number] = cone_margin(pressed, hold["friction"])
+    simulated = ~np.isnan(moved)
+    held = np.where(simulated, moved <= hold["distance"], -1)
+    return {
+        "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
+        "held_along": held,
+        "moved": np.where(simulated, moved, np.inf),
+        "mass": np.array(simulation.model.body("object").mass[0] / simulation.heavier),
+        "solid": np.array(body.solid),
+        "wrench_radius": radius,
+        "cone_margin": margin,
+    }

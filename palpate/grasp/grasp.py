@@ -1,7 +1,7 @@
 """Grasps of one object: attempts until enough of them are valid, of which the best are kept."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Any
@@ -13,6 +13,7 @@ from palpate.batch import UnusableObject
 from palpate.configuration import ConfigError
 from palpate.grasp.closing import TIMESTEP, GraspSimulation
 from palpate.grasp.contacts import Contacts, contacts, pad_forces
+from palpate.grasp.hold import DIRECTIONS, GRAVITY, HoldSimulation, body_of
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.targets import Workspace, palm_pose, with_normals
@@ -51,7 +52,7 @@ class Grasp:
     touches: np.ndarray  # (s,) bool
     penetration: float  # of the hand in the object, or in itself
     pad_force: np.ndarray  # (s,) N, of the object on each sensor's face, along its axis
-    more: dict[str, np.ndarray]  # of a grasp across the object: `palpate.grasp.across`
+    more: dict[str, np.ndarray]  # of a grasp across the object: `palpate.grasp.antipodal`
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,13 @@ class GraspSet(Grasp):
     """The g grasps kept of one object, those with the most touches first: arrays (g, ...) in the world frame."""
 
     attempts: int  # made in all
-    discarded: dict[str, int]  # how many of them gave no grasp, by reason
+    discarded: Counter[str]  # how many of them gave no grasp, by reason
     omitted: dict[str, int]  # what the simulation omits, and how much of each
 
     @property
     def made(self) -> int:
         """Valid grasps, also those that don't hold."""
-        return self.attempts - sum(count for reason, count in self.discarded.items() if reason != NOT_HELD)
+        return self.attempts - self.discarded.total() + self.discarded[NOT_HELD]
 
 
 class Grasper:
@@ -81,36 +82,63 @@ class Grasper:
         max_penetration: float = MAX_PENETRATION,
         thumb_share: float = THUMB_SHARE,
         sensor: Sensor = DIGIT,
+        hold: Mapping[str, float] | None = None,
+        only_held: bool = False,
     ):
-        """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
+        """visual, collision: the object's meshes, with every face and decimated. surface_points: (N, 3) on its outside.
+        timestep: of the simulation, seconds. max_penetration: metres; a deeper grasp is not accepted. thumb_share: of
+        the attempts, in which the thumb closes too; with 1, more sensors touch than in the paper. sensor: the hand's
+        sensors, which decide what touches. hold: of the test whether a grasp holds, the config's keys `friction`,
+        `density`, `distance` and `duration`. only_held: whether others are not kept.
 
         Raises what `check_hand` does, and UnusableObject for an object without a face.
         """
         self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
+        self.hold, self.only_held = dict(hold or {}), only_held
         self.workspace = workspace_of(hand)
         self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
         self.collision, self.patches = collision, surface_patches(collision)
         if not self.patches:
             raise UnusableObject("the collision mesh has no surface that a finger could stop at")
         self.simulation = self.simulate()
-        self.omitted = omitted(hand, len(self.patches), len(visual.faces))
+        palm, patches = int((hand.geom_collides & (hand.geom_link == 0)).sum()), len(self.patches)
+        self.omitted = {
+            "visual faces": len(visual.faces),
+            "pairs of palm and object": palm * patches,
+            "pairs of object patches": patches * (patches - 1) // 2,
+        }
         self.check = PenetrationCheck(hand, visual)
         self.check.require_open(max_penetration)
         self.visual, self.sensor = visual, sensor
-
-    loose_simulation: Any = None  # in which the object is let go, if the grasper has one
 
     def simulate(self) -> GraspSimulation:
         """The simulation of a closing."""
         return GraspSimulation(self.hand, self.patches, self.timestep)
 
+    def loose(self, kind: Callable[..., Any] = HoldSimulation, **more: Any) -> Any:
+        """A simulation of the object with its mass and friction."""
+        body = body_of(self.collision, self.hold["density"])
+        return kind(self.hand, self.patches, body, self.hold["friction"], self.timestep, **more)
+
+    @cached_property
+    def loose_simulation(self) -> HoldSimulation:
+        """In which the object is let go."""
+        return self.loose()
+
+    def moved(self, palm_pose: np.ndarray, joints: np.ndarray, targets: np.ndarray) -> Iterator[float]:
+        """How far the object moves along each of `DIRECTIONS` if it is let go: m, as `HoldSimulation.moved`."""
+        at_rest, limits = (palm_pose, joints, targets), (self.hold["duration"], self.hold["distance"])
+        return (self.loose_simulation.moved(*at_rest, GRAVITY * axis, *limits) for axis in DIRECTIONS)
+
+    def servo_positions(self) -> np.ndarray:
+        """The servos' present targets (J,); those of coupled joints follow."""
+        positions = np.zeros(len(self.hand.joint_link))
+        positions[self.hand.drivers] = self.simulation.data.ctrl
+        return self.hand.follow(positions)
+
     def at_rest(self, touching: Contacts) -> dict[str, np.ndarray] | str:
         """What else a grasp with these contacts has, by name; or the reason for which it is none."""
         return {}
-
-    def holds(self, pose: np.ndarray, joint_positions: np.ndarray) -> bool:
-        """Whether a hand that has closed is to be kept."""
-        return True
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -119,10 +147,10 @@ class Grasper:
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
         """One random placement and closing: the grasp, or the reason for failing."""
-        placed = self.placement(rng)
-        if placed is None:
+        if (placed := self.placement(rng)) is None:
             return BLOCKED
-        return self.closed_at(placed[0], self.workspace.targets(placed[0], self.surface, placed[1]))
+        pose, thumb = placed
+        return self.closed_at(pose, self.workspace.targets(pose, self.surface, thumb))
 
     def placement(self, rng: np.random.Generator) -> tuple[np.ndarray, bool] | None:
         """All that is random in an attempt: a free palm pose (4, 4), if one is found, and whether the thumb closes."""
@@ -155,8 +183,12 @@ class Grasper:
         if depth > self.max_penetration:
             return PENETRATING
         pad_force = pad_forces(touching, self.hand.sensor_link, rotation)
-        if not self.holds(pose, closed.joint_positions):
-            return NOT_HELD
+        if self.only_held:
+            in_world = pose.copy()
+            in_world[:3, 3] = pose[:3, 3] + OBJECT_POSITION - OBJECT_POSITION  # rounded as `hold_grasps` will have it
+            ways = self.moved(in_world, closed.joint_positions, self.servo_positions())
+            if not all(way <= self.hold["distance"] for way in ways):  # ends with the first in which it is lost
+                return NOT_HELD
         return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth, pad_force, more)
 
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
@@ -190,20 +222,14 @@ def grasp_object(
     per_object: int = 5,
     attempts: int = 5,
     max_attempts: int = 60,
-    timestep: float = TIMESTEP,
-    max_penetration: float = MAX_PENETRATION,
-    thumb_share: float = THUMB_SHARE,
-    sensor: Sensor = DIGIT,
     grasper_type: Callable[..., Grasper] = Grasper,
+    **options: Any,
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, of at most `max_attempts` attempts in all,
     and the `per_object` with the most touches are kept, of equals the earlier.
 
-    visual, collision: the object's meshes in its own frame, with every face and decimated. surface_points: (N, 3) on
-    its exterior, in the world frame, as the surface store has them. timestep: of the simulation, seconds.
-    max_penetration: metres; a deeper grasp is not accepted. thumb_share: of the attempts, in which the thumb closes
-    too; with 1, more sensors touch than in the paper. sensor: the hand's sensors, which decide what touches.
-    grasper_type: makes the object's grasper; `palpate.grasp.grasper_type` has others.
+    surface_points: (N, 3) in the world frame, as the surface store has them. grasper_type: makes the object's grasper;
+    `palpate.grasp.grasper_type` has others. The other arguments are `Grasper`'s.
 
     Returns the grasps in the world frame; the same generator gives the same.
     Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object without a
@@ -214,7 +240,7 @@ def grasp_object(
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
-    grasper = grasper_type(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
+    grasper = grasper_type(visual, collision, own_points, hand, **options)
     grasps: list[Grasp] = []
     discarded: Counter[str] = Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
@@ -227,28 +253,13 @@ def grasp_object(
         reasons = ", ".join(f"{reason}: {count}" for reason, count in sorted(discarded.items()))
         raise UnusableObject(f"{len(grasps)} of {per_object} grasps found in {max_attempts} attempts ({reasons})")
     best = sorted(grasps, key=lambda grasp: -grasp.touches.sum())[:per_object]
-    return in_world(best, len(grasps) + discarded.total(), dict(discarded), grasper.omitted)
-
-
-def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], omitted: dict[str, int]) -> GraspSet:
-    """Grasps of an object in its own frame, stacked, in the world frame."""
     names = [field.name for field in fields(Grasp) if field.name != "more"]
-    arrays = {name: np.stack([getattr(grasp, name) for grasp in grasps]) for name in names}
+    arrays: dict[str, Any] = {name: np.stack([getattr(grasp, name) for grasp in best]) for name in names}
     for places in (arrays["palm_pose"][:, :3, 3], arrays["link_pose"][:, :, :3, 3], arrays["sensor_position"]):
         places += OBJECT_POSITION
     arrays["penetration"] = arrays["penetration"].astype(np.float32)
-    more = {name: np.stack([grasp.more[name] for grasp in grasps]) for name in grasps[0].more}
-    return GraspSet(**arrays, more=more, attempts=attempts, discarded=discarded, omitted=omitted)
-
-
-def omitted(hand: Hand, patches: int, visual_faces: int) -> dict[str, int]:
-    """The omissions in the simulation of one object, with counts; given numbers of patches and faces."""
-    palm = int((hand.geom_collides & (hand.geom_link == 0)).sum())
-    return {
-        "visual faces": visual_faces,
-        "pairs of palm and object": palm * patches,
-        "pairs of object patches": patches * (patches - 1) // 2,
-    }
+    arrays["more"] = {name: np.stack([grasp.more[name] for grasp in best]) for name in best[0].more}
+    return GraspSet(**arrays, attempts=len(grasps) + discarded.total(), discarded=discarded, omitted=grasper.omitted)
 
 
 @lru_cache(maxsize=1)

@@ -1,29 +1,32 @@
-"""Whether a hand keeps what it grasps: the object is let go, with friction, under gravity along six directions in turn.
+"""Simulations of a hand with friction, about an object that may be loose: whether the hand keeps it when gravity pulls
+along six directions in turn, and a closing with a given grip."""
 
-A second simulation, which changes no grasp: a closing has a held object and no friction.
-"""
-
-from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import trimesh
 
-from palpate.grasp.closing import GraspSimulation
+from palpate.grasp.closing import RAMP, GraspSimulation
 from palpate.grasp.contacts import Contacts, contacts, on_object
-from palpate.grasp.frames import kept_closings
-from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
-from palpate.grasp.quality import cone_margin, wrench_radius
+from palpate.grasp.targets import sensor_joints
 from palpate.hand import Hand
-from palpate.hand.model import STIFFNESS
-from palpate.mesh import OBJECT_POSITION
+from palpate.hand.model import ARM, STIFFNESS
 
 GRAVITY = 9.81  # m / s^2
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])  # +x, +y, +z, -x, -y, -z of the world
 RESTED = 0.1  # s in which forces come to rest
 CONDIM = 3  # contacts resist sliding; turning only as far as there are several
+
+# Of a grip.
+GAIN = 10 * STIFFNESS  # N m / rad: the object's weight moves the hand's servos by millimetres at most
+GRIPPED = 0.95  # share of the duration in which the grip grows and follows the fingers; then servos hold
+UPDATE = 5  # time steps after which the servos' targets follow the fingers
+STRONGEST = 4.0  # of the servos' limit, over the grip (of hinges at `ARM`): a driver may move two jaws
+IMPRATIO = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps by millimetres a second
+LEAST_MASS = 0.05  # kg, about a jaw's: fingers sink into lighter objects, whose contacts are as soft as they are light
+DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, as if it lay on a table
 
 
 class Body(NamedTuple):
@@ -36,11 +39,8 @@ class Body(NamedTuple):
 
 
 def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
-    """The object as a body. density: kg / m^3.
-
-    Its volume is what the mesh encloses if it is closed, and else the convex hull of its `surface_patches`, which are
-    thick where a mesh is flat.
-    """
+    """The object as a body; density: kg / m^3. Its volume is what the mesh encloses if it is closed, and else the
+    convex hull of its `surface_patches`, which are thick where a mesh is flat."""
     solid = bool(mesh.is_volume)
     volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(surface_patches(mesh)))
     return Body(float(density * volume.volume), volume.center_mass, density * volume.moment_inertia, solid)
@@ -84,15 +84,6 @@ class HoldSimulation(GraspSimulation):
         free.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         return spec
 
-    @property
-    def object_pose(self) -> np.ndarray:
-        """As `GraspSimulation.object_pose`; of a loose object where it has moved to."""
-        pose, rotation = np.eye(4), np.zeros(9)
-        if self.loose:  # not `xpos`, which after a step is that before it
-            mujoco.mju_quat2Mat(rotation, self.data.qpos[-4:])
-            pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), self.data.qpos[-7:-4]
-        return pose
-
     def set_forces(self, gravity: np.ndarray, damping: np.ndarray | float = 0.0) -> None:
         """Let the object's weight be that of `gravity` (3,), m / s^2, and damp its six velocities."""
         self.model.opt.gravity = gravity / self.heavier
@@ -135,59 +126,69 @@ class HoldSimulation(GraspSimulation):
         return on_object(contacts(self))
 
 
-def held_poses(
-    grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, remedy: str = ""
-) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Of each of an object's kept grasps number, palm pose (4, 4) and servos' targets (J,) at rest, in the object's own
-    frame; arguments as for `hold_grasps`."""
-    if "servo_positions" not in kept:
-        yield from kept_closings(grasper, kept, rng, remedy)
-        return
-    poses = kept["palm_pose"].copy()
-    poses[:, :3, 3] -= OBJECT_POSITION
-    yield from zip(range(len(poses)), poses, kept["servo_positions"], strict=True)
+class GripSimulation(HoldSimulation):
+    """A `HoldSimulation` whose closing ends with a given force: the fingers of each of the two sides that touch the
+    object press with `grip` N along the line between them, whatever the servos' gain. No gravity acts meanwhile.
 
-
-def hold_grasps(
-    grasper: Grasper,
-    collision: trimesh.Trimesh,
-    kept: Mapping[str, np.ndarray],
-    rng: np.random.Generator,
-    friction: float,
-    density: float,
-    distance: float,
-    duration: float,
-    remedy: str = "",
-) -> dict[str, np.ndarray]:
-    """Whether each of an object's g kept grasps holds it, by the names that the contract has for the arrays.
-
-    grasper, kept, rng, remedy: as for `closing_frames`. collision: the object's decimated mesh. friction: the
-    coefficient of all contacts. density: kg / m^3. An object that stays within `distance` m for `duration` s is held.
-    The simulation of a direction ends at `distance`: dropped objects cost little.
-
-    Raises DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
+    `sides` (s,), to be set before a closing, are those of the object that the sensors press: -1 or 1, 0 for none.
     """
-    simulation = grasper.loose_simulation
-    if simulation is None:
-        body = body_of(collision, density)
-        simulation = HoldSimulation(grasper.hand, grasper.patches, body, friction, grasper.timestep)
-    length = np.linalg.norm(collision.vertices - simulation.body.centre, axis=1).max()
-    moved = np.full((len(kept["palm_pose"]), len(DIRECTIONS)), np.nan)
-    radius, margin = np.zeros((2, len(moved)))
-    for number, pose, targets in held_poses(grasper, kept, rng, remedy):
-        at_rest = pose, kept["joint_positions"][number], targets
-        moved[number] = [simulation.moved(*at_rest, GRAVITY * axis, duration, distance) for axis in DIRECTIONS]
-        pressed = simulation.pressed(*at_rest)
-        radius[number] = wrench_radius(pressed, friction, simulation.body.centre, length)
-        margin[number] = cone_margin(pressed, friction)
-    simulated = ~np.isnan(moved)
-    held = np.where(simulated, moved <= distance, -1)
-    return {
-        "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
-        "held_along": held,
-        "moved": np.where(simulated, moved, np.inf),
-        "mass": np.array(simulation.model.body("object").mass[0] / simulation.heavier),
-        "solid": np.array(simulation.body.solid),
-        "wrench_radius": radius,
-        "cone_margin": margin,
-    }
+
+    def __init__(
+        self,
+        hand: Hand,
+        patches: list[np.ndarray],
+        body: Body,
+        friction: float,
+        timestep: float,
+        grip: float,
+        loose: bool = True,
+        stiffness: float = GAIN,
+    ):
+        """grip: N. loose: whether the object can move. Others as for `HoldSimulation`."""
+        self.grip, self.loose, self.heavier = grip, loose, max(1.0, LEAST_MASS / body.mass)
+        body = body._replace(mass=self.heavier * body.mass, inertia=self.heavier * body.inertia)
+        super().__init__(hand, patches, body, friction, timestep, stiffness)
+        model = self.model
+        model.opt.impratio = IMPRATIO
+        limit = STRONGEST * grip * np.where(hand.joint_slides[self._drivers], 1.0, ARM)
+        model.actuator_forcerange[:] = np.stack([-limit, limit], axis=-1)
+        self._moves = sensor_joints(hand) @ (hand.joint_driver[:, None] == hand.joint_driver)[:, hand.drivers]
+        self._drag = np.repeat([model.body_mass[self._object], model.body_inertia[self._object].mean()], 3) / DRAG
+
+    def specification(self) -> mujoco.MjSpec:
+        """As `HoldSimulation.specification`, with the gels as sites."""
+        spec, hand = super().specification(), self.hand
+        gels = hand.sensor_position + hand.contact_distance()[:, None] * hand.sensor_rotation[:, :, 0]
+        for link, gel in zip(hand.sensor_link, gels, strict=True):
+            spec.body(hand.link_names[link]).add_site(pos=gel)
+        return spec
+
+    def steer(self, step: int, aim: np.ndarray) -> None:
+        """As `GraspSimulation.steer`; in the second part of a closing the servos' targets go beyond the fingers by as
+        much as the grip takes."""
+        begin, end = round(RAMP * self.steps), round(GRIPPED * self.steps)
+        if step == 0:
+            self.set_forces(np.zeros(3), self._drag[: 6 * self.loose])
+        if step < begin:
+            super().steer(step, aim)
+        elif step < end and (step - begin) % UPDATE == 0:
+            self._press(min(1.0, 2 * (step - begin + UPDATE) / (end - begin)))
+
+    def _press(self, share: float) -> None:
+        """Set the servos' targets so that they press with this share of the grip."""
+        model, data = self.model, self.data
+        bodies = model.geom_bodyid[data.contact.geom].reshape(-1, 2)
+        touching = bodies[(bodies == self._object).any(axis=1)]
+        press = np.flatnonzero((self.sides != 0) & np.isin(model.site_bodyid, touching))
+        sides, gels = self.sides[press], data.site_xpos[press]
+        if not {-1, 1} <= set(sides):
+            return
+        along = gels[sides == 1].mean(axis=0) - gels[sides == -1].mean(axis=0)
+        along /= max(np.linalg.norm(along), 1e-9)
+        joints, torques, jacobian = data.qpos[self._joints], np.zeros(model.nv), np.zeros((3, model.nv))
+        for gel, side in zip(press, sides, strict=True):
+            mujoco.mj_jacSite(model, data, jacobian, None, gel)
+            torques -= share * self.grip / (sides == side).sum() * side * along @ jacobian
+        beyond = (torques[: len(joints)] @ self.hand.follow_slopes(joints))[self._drivers]
+        pressing = self._moves[press].any(axis=0)
+        data.ctrl[pressing] = (joints[self._drivers] + beyond / model.actuator_gainprm[:, 0])[pressing]

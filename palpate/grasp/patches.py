@@ -21,53 +21,39 @@ def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL) -> list[np.ndarra
     area are omitted, and groups narrower than `NARROWEST`.
     """
     triangles = split_long_edges(np.asarray(mesh.triangles), cell / 2)
-    areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2  # along the normals
     has_area = areas.any(axis=1)
     triangles, areas = triangles[has_area], areas[has_area]
-    if len(triangles):
-        group = cell_and_side(triangles, areas, cell)
-        wide = is_wide(triangles, areas, group)
-        triangles, areas = triangles[wide], areas[wide]
     if not len(triangles):
         return []
-    group = np.unique(group[wide], return_inverse=True)[1].ravel()
-    points, owner = distinct_corners(triangles, group)
+    axis = np.abs(areas).argmax(axis=1)
+    side = areas[np.arange(len(areas)), axis] > 0
+    cells = np.floor(triangles.mean(axis=1) / cell).astype(np.int64)
+    cells -= cells.min(axis=0)
+    number = np.ravel_multi_index((*cells.T, axis, side.astype(int)), (*(cells.max(axis=0) + 1), 3, 2))
+    group = np.unique(number, return_inverse=True)[1].ravel()
+    longest = np.zeros(group.max() + 1)
+    np.maximum.at(longest, group, edge_lengths(triangles).T.copy().max(axis=0))
+    wide = (np.bincount(group, weights=np.linalg.norm(areas, axis=1)) >= NARROWEST * longest)[group]
+    if not wide.any():
+        return []
+    triangles, areas, group = triangles[wide], areas[wide], np.unique(group[wide], return_inverse=True)[1].ravel()
+
+    # The corners of each group's triangles, each once, by ascending group. Two numbers a corner in place of four: half
+    # the sorting, and both are far below 2^63 for metres.
+    points, owner = triangles.reshape(-1, 3), np.repeat(group, 3)
+    x, y, z = np.round(points / WELD).astype(np.int64).T.copy()
+    x, z = x - x.min(), z - z.min()
+    column, row = y * (x.max() + 1) + x, owner * (z.max() + 1) + z
+    order = np.lexsort((column, row))
+    fresh = np.concatenate([[True], (np.diff(column[order]) != 0) | (np.diff(row[order]) != 0)])
+    points, owner = points[order[fresh]], owner[order[fresh]]
     # The mean over the area: many small triangles on an edge don't turn it.
     outwards = np.column_stack([np.bincount(group, weights=areas[:, axis]) for axis in range(3)])
     outwards = outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
     bounds = np.flatnonzero(np.diff(owner)) + 1
     outer, inner = np.split(points, bounds), np.split(points - THICKNESS * outwards[owner], bounds)
     return [np.concatenate(pair) for pair in zip(outer, inner, strict=True)]
-
-
-def cell_and_side(triangles: np.ndarray, areas: np.ndarray, cell: float) -> np.ndarray:
-    """A number (T,) from 0 on of grid cell and signed main axis of the normal; areas: (T, 3), normals times areas."""
-    axis = np.abs(areas).argmax(axis=1)
-    side = areas[np.arange(len(areas)), axis] > 0
-    cells = np.floor(triangles.mean(axis=1) / cell).astype(np.int64)
-    cells -= cells.min(axis=0)
-    number = np.ravel_multi_index((*cells.T, axis, side.astype(int)), (*(cells.max(axis=0) + 1), 3, 2))
-    return np.unique(number, return_inverse=True)[1].ravel()
-
-
-def is_wide(triangles: np.ndarray, areas: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Whether each triangle's group has the area of something `NARROWEST` wide: (T,) bool."""
-    longest = np.zeros(group.max() + 1)
-    np.maximum.at(longest, group, edge_lengths(triangles).T.copy().max(axis=0))
-    area = np.bincount(group, weights=np.linalg.norm(areas, axis=1))
-    return (area >= NARROWEST * longest)[group]
-
-
-def distinct_corners(triangles: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The corners (N, 3) of each group's triangles, each once, and their groups (N,), ascending."""
-    points, owner = triangles.reshape(-1, 3), np.repeat(group, 3)
-    x, y, z = np.round(points / WELD).astype(np.int64).T.copy()
-    x, z = x - x.min(), z - z.min()
-    # Two numbers a corner in place of four: half the sorting, and both are far below 2^63 for metres.
-    column, row = y * (x.max() + 1) + x, owner * (z.max() + 1) + z
-    order = np.lexsort((column, row))
-    fresh = np.concatenate([[True], (np.diff(column[order]) != 0) | (np.diff(row[order]) != 0)])
-    return points[order[fresh]], owner[order[fresh]]
 
 
 def edge_lengths(triangles: np.ndarray) -> np.ndarray:

@@ -54,10 +54,8 @@ class PenetrationCheck:
         self.half = np.array([np.abs(surface).max(axis=(0, 1)) for surface in self.surfaces.values()])  # of their boxes
 
     def in_object(self, link_pose: np.ndarray) -> float:
-        """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4).
-
-        Right to half of `SPACING`, and mostly far better, for the surface's corners are among the points.
-        """
+        """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4). Right to half of
+        `SPACING`, and mostly far better, for the surface's corners are among the points."""
         poses = self.hand.geom_poses(link_pose)
         centre = poses[self.geoms, :3, 3]
         half = (np.abs(poses[self.geoms, :3, :3]) @ self.half[:, :, None])[..., 0]
@@ -88,14 +86,11 @@ class PenetrationCheck:
         )
 
     def in_itself(self, link_pose: np.ndarray, pairs: np.ndarray | None = None) -> float:
-        """Metres of the deepest point of a link's surface in another that may collide with it.
-
-        link_pose: (L, 4, 4). pairs: (P, 2) of geoms; by default all that may collide.
-        """
+        """Metres of the deepest point of a link's surface in another that may collide with it; link_pose: (L, 4, 4).
+        pairs: (P, 2) of geoms; by default all that may collide."""
         poses = self.hand.geom_poses(link_pose)
-        surfaces = {
-            geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()
-        }
+        placed = zip(self.surfaces.items(), poses[self.geoms], strict=True)
+        surfaces = {geom: surface @ pose[:3, :3].T + pose[:3, 3] for (geom, surface), pose in placed}
         pairs = self.hand.colliding_pairs[~self.separated(poses, surfaces)] if pairs is None else pairs
         pairs = np.concatenate([pairs, pairs[:, ::-1]])
         triangles = np.concatenate([np.zeros((0, 3, 3)), *(surfaces[inner] for inner in pairs[:, 0])])
@@ -103,19 +98,15 @@ class PenetrationCheck:
         return deepest(triangles, outer, partial(self.distance, poses))
 
     def separated(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
-        """Which pairs of geoms a plane across an axis of either geom separates: (P,) bool.
-
-        poses: (G, 4, 4) of all geoms; surfaces: triangles (T, 3, 3) of each colliding one, placed.
-        """
+        """Which pairs of geoms a plane across an axis of either geom separates: (P,) bool. poses: (G, 4, 4) of all
+        geoms; surfaces: triangles (T, 3, 3) of each colliding one, placed."""
         starts = np.cumsum([0] + [3 * len(surfaces[geom]) for geom in self.geoms])[:-1]
         corners = np.concatenate([surfaces[geom].reshape(-1, 3) for geom in self.geoms])
-        axes = poses[self.geoms, :3, :3].swapaxes(-1, -2).reshape(-1, 3)
+        axes, count = poses[self.geoms, :3, :3].swapaxes(-1, -2).reshape(-1, 3), len(self.geoms)
         along = axes @ corners.T  # (3 G, corners)
-        low, high = np.minimum.reduceat(along, starts, axis=1), np.maximum.reduceat(along, starts, axis=1)
         # separates[i, k, j]: axis k of geom i has geom j wholly on one side of geom i
-        count = len(self.geoms)
-        low, high = low.reshape(count, 3, count), high.reshape(count, 3, count)
-        own = np.arange(count)
+        limits = (end.reduceat(along, starts, axis=1) for end in (np.minimum, np.maximum))
+        (low, high), own = (limit.reshape(count, 3, count) for limit in limits), np.arange(count)
         own_low, own_high = low[own, :, own][:, :, None], high[own, :, own][:, :, None]
         separates = ((low >= own_high) | (high <= own_low)).any(axis=1)
         index = np.searchsorted(self.geoms, self.hand.colliding_pairs)

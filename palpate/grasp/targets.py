@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from palpate.hand import Hand
+from palpate.touch.presses import tangents
 
 GAP = (0.005, 0.060)  # metres between the palm's face and the surface
 PRESS = 0.003  # metres that the gel's apex aims below the surface
@@ -44,19 +45,11 @@ def palm_pose(hand: Hand, surface: Surface, rng: np.random.Generator) -> np.ndar
     chosen = rng.integers(len(surface.points))
     turn, gap = rng.uniform(0, 2 * np.pi), rng.uniform(*GAP)
     face, inward = np.eye(4), -surface.normals[chosen]
-    first = np.cross(inward, np.eye(3)[np.abs(inward).argmin()])
-    first /= np.linalg.norm(first)
-    along = np.cos(turn) * first + np.sin(turn) * np.cross(inward, first)
+    first, second = tangents(inward)
+    along = np.cos(turn) * first + np.sin(turn) * second
     face[:3, :3] = np.column_stack([inward, np.cross(along, inward), along])
     face[:3, 3] = surface.points[chosen] - gap * inward
     return face @ np.linalg.inv(hand.palm_anchor)
-
-
-def tangents(normals: np.ndarray) -> np.ndarray:
-    """Of unit vectors (..., 3) two others (..., 2, 3) that are orthogonal to them and to each other."""
-    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(normals, first)], axis=-2)
 
 
 class Workspace:
@@ -85,9 +78,8 @@ class Workspace:
         """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly so.
 
         Of the points near its open gel that it can face, each finger takes the one that it comes nearest to, even if it
-        can't reach it: contact stops the finger.
-
-        palm_pose: (4, 4) in the surface's frame. thumb: whether the fingers of `sensor_thumb` close too.
+        can't reach it: contact stops the finger. palm_pose: (4, 4) in the surface's frame. thumb: whether the fingers
+        of `sensor_thumb` close too.
         """
         hand = self.hand
         points = (surface.points - palm_pose[:3, 3]) @ palm_pose[:3, :3]
@@ -120,14 +112,14 @@ class Workspace:
         """
         low, high = self.hand.joint_range.T
         damping = np.full(goal.shape[:-1], DAMPING)
-        error, jacobian = self._linearised(joints, goal, inward)
+        error, jacobian = self.linearised(joints, goal, inward)
         miss = np.linalg.norm(error, axis=-1)
         for _ in range(ITERATIONS):
             transposed = np.swapaxes(jacobian, -1, -2)
             square = jacobian @ transposed + damping[..., None, None] * np.eye(6)
             step = (transposed @ solve_positive_definite(square, error)[..., None])[..., 0]
             tried = self.hand.follow(np.clip(joints + step.sum(axis=-2), low, high))
-            error_tried, jacobian_tried = self._linearised(tried, goal, inward)
+            error_tried, jacobian_tried = self.linearised(tried, goal, inward)
             miss_tried = np.linalg.norm(error_tried, axis=-1)
             better = miss_tried < miss
             joints = np.where((better[..., None] & self.moves).any(axis=-2), tried, joints)
@@ -137,7 +129,7 @@ class Workspace:
             damping = np.where(better, damping / DAMPING_FACTOR, damping * DAMPING_FACTOR)
         return joints, miss
 
-    def _linearised(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def linearised(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Error of each gel's place and direction (..., s, 6), and the Jacobian."""
         pose = self.hand.forward(np.eye(4), joints)
         apex, direction = self.apex(pose)
@@ -160,12 +152,9 @@ class Workspace:
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N).
-
-    Gaussian elimination, which needs no pivots here. LAPACK's result depends on its threads, and is slower for these.
-    """
-    matrix, x = matrix.copy(), right.copy()
-    size = matrix.shape[-1]
+    """Solutions x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N), by
+    elimination, which needs no pivots here. LAPACK's result depends on its threads, and is slower for these."""
+    matrix, x, size = matrix.copy(), right.copy(), matrix.shape[-1]
     for row in range(size):
         factor = matrix[..., row + 1 :, row] / matrix[..., row, row, None]
         matrix[..., row + 1 :, row:] -= factor[..., None] * matrix[..., row, None, row:]

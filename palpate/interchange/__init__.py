@@ -1,4 +1,4 @@
-"""A run's grasps in layouts that other tools read: WebDataset, and Parquet with images as Hugging Face's `datasets`."""
+"""A run's grasps in layouts that other tools read: WebDataset, Zarr, and Parquet with images."""
 
 from palpate.interchange.folder import FORMATS, export
 

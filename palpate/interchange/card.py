@@ -16,17 +16,15 @@ from packaging import licenses
 from palpate import __version__
 from palpate.catalogue import SPLITS
 from palpate.configuration import nearest
-from palpate.dataset import Dataset
 from palpate.dataset.summary import kind_of_reason
 from palpate.hand import Hand
-from palpate.interchange.items import Contents, versions
+from palpate.interchange.layouts import Contents, versions
 from palpate.store.contract import FRAMES
 from palpate.store.files import StoreError
 
 TEMPLATE = Path(__file__).with_name("card.md.jinja")
 # Number of samples below which Hugging Face has a name, and that name.
 SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7: "1M<n<10M"}
-
 SPDX = "https://spdx.org/licenses/"
 
 
@@ -43,16 +41,14 @@ def spdx(licence: str) -> str:
 
 
 def licence_url(licence: str) -> str:
-    """Where SPDX has the text of a licence of `spdx`; empty if it is none of its list: an expression, or `unknown`."""
+    """Where SPDX has the text of a licence; empty for an expression, and for `unknown`."""
     return SPDX + licence if licence.lower() in licenses.LICENSES else ""
 
 
 def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str], str]) -> None:
     """Write the card into an export's folder: its contents, how it was made, its checks and errors, its terms.
-
     digests: of the stores that the arrays are from, by stage and batch. Names and reasons, from meshes, are escaped.
-    Raises StoreError for a damaged `last_run.json`.
-    """
+    Raises StoreError for a damaged `last_run.json`."""
     dataset, splits, layout, licence, _ = contents
     hand = dataset[0].hand if "grasps" in dataset.stages else None
     number, config, url = sum(map(len, splits.values())), dataset.config, licence_url(licence)
@@ -68,6 +64,12 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
     environment = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     environment.filters["escaped"] = escaped
     checks = _rows(dataset.folder / "reports/validation.csv")
+    counts = Counter((record.class_name, record.split) for record in dataset)
+    rows = [[escaped(name), *(counts[name, split] for split in SPLITS)] for name in dataset.classes]
+    reasons = Counter((row["stage"], without_folders(kind_of_reason(row["reason"]))) for row in dataset.rejections())
+    tables = map(_rows, dataset.folder.glob("reports/validation/*.csv"))
+    files = (row for table in tables for row in table if row["check"] == "files")
+    checked = {(row["store"], row["batch"], row["where"]) for row in files}
     text = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         **contents._asdict() | {"layout": layout.name, "splits": list(SPLITS), "grasps": contents.grasps},
         header=yaml.safe_dump(header, sort_keys=False),
@@ -77,17 +79,18 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
         frames=FRAMES,
         parts=os.listdir(path.parent),
         kind=config.get("source", {}).get("kind", "unknown"),
-        counts=_counts(dataset),
+        counts=[*rows, ["all", *(len(dataset.split(split)) for split in SPLITS)]],
         figures=sorted(figure.name for figure in path.parent.glob("figures/*.png")),
         versions=versions(dataset),
         commit=_commit(dataset.folder / "last_run.json"),
         arrays=_arrays(contents),
         hand=hand,
         joints=_joints(hand) if hand else [],
-        rejections=_rejections(dataset),
+        rejections=[[count, escaped(stage), escaped(text)] for (stage, text), count in reasons.most_common()],
         checks=checks,
         failed=sum(row["passed"] != "True" for row in checks),
-        unchecked=_unchecked(dataset, digests),
+        # Stores that are not as they were when the run was validated.
+        unchecked=[f"{key[0]}/{key[1]}" for key, digest in digests.items() if (*key, digest) not in checked],
         config=yaml.safe_dump(_public(config), sort_keys=False),
     )
     path.write_text(text, encoding="utf-8")
@@ -125,13 +128,6 @@ def _commit(path: Path) -> str:
         raise StoreError(f"{path} is damaged; remove it: the next start of the run writes it again") from None
 
 
-def _counts(dataset: Dataset) -> list[list[Any]]:
-    """Objects of each class by split, and of all."""
-    counts = Counter((record.class_name, record.split) for record in dataset)
-    rows = [[escaped(name), *(counts[name, split] for split in SPLITS)] for name in dataset.classes]
-    return [*rows, ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]]
-
-
 def _arrays(contents: Contents) -> list[list[Any]]:
     """Name, shape, type, unit, axes, names of files or columns, and meaning of each array."""
     rows, grasps, example, names = [], contents.grasps, contents.example, contents.names()
@@ -152,19 +148,6 @@ def _joints(hand: Hand) -> list[list[Any]]:
         places = [links[link], links[hand.link_parent[link]], how, f"{low:.4g} to {high:.4g} {unit}"]
         rows.append([number, joints[number], *places, "" if driver == number else joints[driver]])
     return rows
-
-
-def _unchecked(dataset: Dataset, digests: Mapping[tuple[str, str], str]) -> list[str]:
-    """The stores, of these by stage and batch, that are not as they were when the run was validated."""
-    tables = map(_rows, dataset.folder.glob("reports/validation/*.csv"))
-    checked = {(row["store"], row["batch"], row["where"]) for rows in tables for row in rows if row["check"] == "files"}
-    return [f"{stage}/{batch}" for (stage, batch), digest in digests.items() if (stage, batch, digest) not in checked]
-
-
-def _rejections(dataset: Dataset) -> list[list[Any]]:
-    """How many objects each stage left out for each kind of reason, the most frequent first."""
-    reasons = Counter((row["stage"], without_folders(kind_of_reason(row["reason"]))) for row in dataset.rejections())
-    return [[number, escaped(stage), escaped(text)] for (stage, text), number in reasons.most_common()]
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

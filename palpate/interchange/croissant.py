@@ -1,9 +1,7 @@
-"""The description of an export in Croissant 1.1, MLCommons' JSON-LD for search engines and loaders.
+"""The description of an export in Croissant 1.1, MLCommons' JSON-LD for search engines and loaders: all files, the
+columns of the tables, and type and shape of each array. Loaders read tables and images, but neither `.npy` nor Zarr.
 
-https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html. It has all files, the columns of the tables, and type
-and shape of each array. Loaders of Croissant read tables and images; for `.npy` and Zarr they have no reader. Fields
-`rai:` are those of its extension for responsible AI,
-https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html.
+https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html; `rai:`: croissant-rai-spec.html beside it.
 """
 
 import csv
@@ -18,7 +16,7 @@ import jinja2
 
 from palpate import __version__
 from palpate.interchange.card import licence_url
-from palpate.interchange.items import CARD, TEXT, Contents, pictures, versions
+from palpate.interchange.layouts import CARD, TEXT, Contents, pictures, versions
 from palpate.seal import Files
 
 TEMPLATE = Path(__file__).with_name("croissant.json.jinja")
@@ -36,15 +34,17 @@ LAYOUTS = {
     "parquet": ("", "", "sc:Text"),
     "zarr": ("application/vnd.zarr", "*.zarr/{}/**", ""),
 }
-# Columns of the tables that are not text, and those that tell rows apart.
-NUMBERS = ("sample", "grasp", "press")
 KEYS = {"objects.csv": "object", "grasps.csv": "sample", "presses.csv": "sample"}
 
 
 def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
     """Write the description of an export whose files are in `manifest`, without a date."""
     top = [name for name in manifest if "/" not in name and Path(name).suffix in FILES]
-    files = [_file(name, *manifest[name]) for name in top]
+    files: list[dict[str, Any]] = []
+    for name in top:
+        size, digest = manifest[name]
+        about = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": FILES[Path(name).suffix]}
+        files.append({"@type": "cr:FileObject", "@id": name, "name": name, **about, "sha256": digest})
     files += [_set(name, media, names) for name, (media, names) in SETS.items() if fnmatch.filter(manifest, names)]
     sets = [_table(path.parent / name, key) for name, key in KEYS.items() if name in manifest]
     files_of_arrays, sets_of_arrays = _arrays(contents, [name for name in top if name.endswith(".tar")])
@@ -58,12 +58,6 @@ def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _file(name: str, size: int, digest: str) -> dict[str, Any]:
-    """A file of the export's folder."""
-    stated = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": FILES[Path(name).suffix]}
-    return {"@type": "cr:FileObject", "@id": name, "name": name, **stated, "sha256": digest}
-
-
 def _set(name: str, encoding: str, includes: str, archives: Sequence[str] = ()) -> dict[str, Any]:
     """A set of files of the export's folder, or of archives in it."""
     stated = {"encodingFormat": encoding, "includes": includes}
@@ -73,9 +67,7 @@ def _set(name: str, encoding: str, includes: str, archives: Sequence[str] = ()) 
 
 def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """The sets of files, and of records, of arrays: one set of records for a table's columns, else one an array.
-
-    archives: tar files that the arrays' files are in.
-    """
+    archives: tar files that the arrays' files are in."""
     grasps, example, files, sets = contents.grasps, contents.example, [], []
     encoding, pattern, image_type = LAYOUTS[contents.layout.name]
     columns = [_field(grasps.units, name, "sc:Text", "metadata-files", column=name) for name in TEXT]
@@ -101,10 +93,9 @@ def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str,
 
 
 def _table(path: Path, key: str) -> dict[str, Any]:
-    """The rows of a CSV file as a record set."""
     with path.open(encoding="utf-8", newline="") as file:
         columns = next(csv.reader(file))
-    types = {name: "sc:Integer" if name in NUMBERS else "sc:Text" for name in columns}
+    types = {name: "sc:Integer" if name in ("sample", "grasp", "press") else "sc:Text" for name in columns}
     return _records(path.stem, [_field(path.stem, name, types[name], path.name, column=name) for name in columns], key)
 
 
@@ -115,7 +106,6 @@ def _records(name: str, fields: list[dict[str, Any]], *key: str) -> dict[str, An
 
 
 def _field(records: str, name: str, data_type: str, files: str, **extract: str) -> dict[str, Any]:
-    """A field of a record set, from a file or a set of files."""
     source = {"fileSet" if files.endswith("-files") else "fileObject": {"@id": files}, "extract": extract}
     field = {"@type": "cr:Field", "@id": f"{records}/{name}", "name": name}
     return field | {"dataType": data_type, "source": source}

@@ -19,16 +19,13 @@ from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.dataset import Dataset, ObjectRecord
 from palpate.hand import Hand
-from palpate.interchange import parquet, webdataset, zarr_groups
 from palpate.interchange.card import spdx, write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import CARD, Contents, png, samples_by_split
+from palpate.interchange.layouts import CARD, FORMATS, Contents, png, samples_by_split
 from palpate.mesh import mesh_file
 from palpate.store.contract import CONTRACT, FRAMES, UNITS
 from palpate.store.files import StoreError
 
-# By the names that the command has for them.
-FORMATS = {layout.name: layout for layout in (webdataset.LAYOUT, parquet.LAYOUT, zarr_groups.LAYOUT)}
 # Of hand.json, besides what `Hand` says of itself.
 FRAMES_OF_HAND = (
     "Links and sensors are in the order of the arrays' axes, numbers of links from 0. Position and rotation of a link "
@@ -53,13 +50,11 @@ def export(
 ) -> int:
     """Write the grasps of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
     number.
-
     folder: a new one, or an empty one. arrays: as for `Dataset.grasps`; without, all of the stages that the run should
     have. licence: as for `spdx`. source: of the meshes, with their terms, as text, verbatim. samples: `grasps`, or
     `presses`. Raises FileExistsError for a folder that holds anything; StoreError without objects, for a store that is
     missing, or for batches with different hands or sensors; KeyError for an unknown array; DamagedFile for a missing or
-    changed mesh; and what writing the samples raises.
-    """
+    changed mesh; and what writing the samples raises."""
     folder = Path(folder)
     _require_new(folder)
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
@@ -76,7 +71,11 @@ def export(
         _write_descriptions(partial, dataset, samples)
         contents.layout.write(partial, splits)
         _write_objects(partial, dataset)
-        _copy_figures(partial, dataset)
+        names = ["data_point.png", *(f"examples_{name}.png" for name in dataset.classes)]
+        for figure in filter(Path.is_file, (dataset.folder / "figures" / name for name in names)):
+            dataset.require_current(figure)
+            (partial / "figures").mkdir(exist_ok=True)
+            shutil.copyfile(figure, partial / "figures" / figure.name)
         files = sorted(filter(Path.is_file, partial.rglob("*")))
         with ThreadPoolExecutor(2) as pool:
             sums = pool.map(seal.size_and_sha256, files)
@@ -85,9 +84,8 @@ def export(
         write_card(partial / CARD, contents, digests)
         manifest |= {name: seal.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
-        sums_file = partial / "SHA256SUMS"
-        sums_file.write_text("".join(lines))
-        manifest[sums_file.name] = seal.size_and_sha256(sums_file)
+        (partial / "SHA256SUMS").write_text("".join(lines))
+        manifest["SHA256SUMS"] = seal.size_and_sha256(partial / "SHA256SUMS")
         seal.write(partial, seal.made_of(inputs), manifest)
         _require_new(folder)  # still
     return sum(map(len, splits.values()))
@@ -101,26 +99,16 @@ def _require_new(folder: Path) -> None:
 
 def _write_objects(folder: Path, dataset: Dataset) -> None:
     """Write the table of objects and their meshes; a released dataset has no meshes."""
-    with_meshes = "grasps" in dataset.stages
     with (folder / "objects.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["object", "class", "split", "mesh"])
         for record in dataset:
             mesh = ""
-            if with_meshes:
+            if "grasps" in dataset.stages:
                 mesh = f"meshes/{record.name}.glb"
                 (folder / "meshes").mkdir(exist_ok=True)
                 shutil.copyfile(mesh_file(record.mesh, "visual.glb"), folder / mesh)
             table.writerow([record.name, record.class_name, record.split, mesh])
-
-
-def _copy_figures(folder: Path, dataset: Dataset) -> None:
-    """Copy the run's figures of data: one data point, and examples of each class; those that it has."""
-    names = ["data_point.png", *(f"examples_{name}.png" for name in dataset.classes)]
-    for figure in filter(Path.is_file, (dataset.folder / "figures" / name for name in names)):
-        dataset.require_current(figure)
-        (folder / "figures").mkdir(exist_ok=True)
-        shutil.copyfile(figure, folder / "figures" / figure.name)
 
 
 def _write_descriptions(folder: Path, dataset: Dataset, samples: str) -> None:

@@ -41,11 +41,9 @@ def build(
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:
     """Write a checkpoint atomically.
-
     kind: `reconstruction` or `touch_depth`. described: what `load` needs to build the model (`experiment` and
     `architecture`, or `width`; `sensor` and `hand_sensors`), and further values that JSON can hold: for
-    `palpate.reconstruct` the `camera` of all images, a (3, 4) projection to pixels or None, and their `image_size`.
-    """
+    `palpate.reconstruct` the `camera` of all images, a (3, 4) projection to pixels or None, and their `image_size`."""
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     content = io.BytesIO()  # torch's own writing of a file does not say that the disk is full
     torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, content)
@@ -54,10 +52,8 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
 
 
 def read(path: Path | str, kind: str) -> dict[str, Any]:
-    """The content of a checkpoint.
-
-    Raises CheckpointError if it is missing, damaged or can't be read, or is of another schema version or kind of model.
-    """
+    """The content of a checkpoint. Raises CheckpointError if it is missing, damaged or can't be read, or is of another
+    schema version or kind of model."""
     if not Path(path).exists():
         raise CheckpointError(f"{path} does not exist; train the model with: {rebuild_command(path)}")
     open(path, "rb").close()  # a file without permission to read is not damaged
@@ -68,9 +64,8 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
         if version == SCHEMA_VERSION and not isinstance(content["weights"], dict):
             raise TypeError("no weights")
     except Exception as error:
-        raise CheckpointError(
-            f"{path} is no checkpoint of Palpate ({type(error).__name__}); remove it and train again"
-        ) from error
+        problem = f"no checkpoint of Palpate ({type(error).__name__})"
+        raise CheckpointError(f"{path} is {problem}; remove it and train again") from error
     if version != SCHEMA_VERSION:
         raise CheckpointError(
             f"{path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
@@ -80,9 +75,8 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
         raise CheckpointError(f"{path} is a model of kind {content_kind}, expected {kind}")
     name, trained = name_of(path), content.get("name")
     if None not in (name, trained) and name != trained:
-        raise CheckpointError(
-            f"{path} is the model {trained}, not {name}; remove it and train it with: {rebuild_command(path)}"
-        )
+        remedy = f"remove it and train it with: {rebuild_command(path)}"
+        raise CheckpointError(f"{path} is the model {trained}, not {name}; {remedy}")
     return content
 
 
@@ -101,21 +95,18 @@ def require_intact(path: Path | str) -> None:
 
 
 def experiment_of(content: Mapping[str, Any]) -> Experiment:
-    """The experiment that a checkpoint's content states."""
     return Experiment.from_row(str(content.get("name") or "").partition("/")[0], content["experiment"])
 
 
 def load(path: Path | str, experiment: Experiment | None = None) -> Reconstruction | SingleImageModel:
     """A trained reconstruction model in evaluation mode, on the CPU.
-
     path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the one that it must be of, or that is evaluated
-    with these weights (`Experiment.weights`), if given: the model is then built as that one says.
-    Raises CheckpointError, before anything runs, if the file is missing, of another schema version, of another
-    experiment, or its weights don't fit the architecture it names.
-    """
+    with these weights (`Experiment.weights`), if given: the model is then built as that one says. Raises
+    CheckpointError, before anything runs, if the file is missing, of another schema version, of another experiment, or
+    its weights don't fit the architecture it names."""
     content = read(path, "reconstruction")
-    shares_weights = experiment is not None and experiment.weights is not None
-    if experiment is not None and not shares_weights and experiment.row() != content.get("experiment"):
+    sharing = experiment if experiment and experiment.weights is not None else None
+    if experiment and not sharing and experiment.row() != content.get("experiment"):
         raise CheckpointError(
             f"{path} was trained for {content.get('experiment')}, but {experiment.row()} is asked for; "
             "remove it and train the model again"
@@ -124,10 +115,10 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
         arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks", "kernel"))
-        described = experiment_of(content) if experiment is None or not shares_weights else experiment
+        described = sharing or experiment_of(content)
         templates = Templates(*arrays) if described.plan.start == "templates" else None
         model = build(described, architecture, *_sensor_of(content), templates)
-        if shares_weights:  # one without touch leaves out what a touch would pass through
+        if sharing:  # one without touch leaves out what a touch would pass through
             own, weights = model.state_dict(), content["weights"]
             content["weights"] = {name: weights[name] for name in weights if name in own or name[:6] != "touch_"}
         return model
@@ -145,10 +136,8 @@ def require_sensor(
     trained_sensors: int | None, trained: Sensor, data_sensors: int | None, data: Sensor, model: Path | str
 ) -> None:
     """Raise CheckpointError if data are of another kind of sensor than a model, or of another number a hand.
-
-    trained_sensors, data_sensors: of a hand; None: any number. model: its name for error messages.
-    """
-    differences = [trained.geometry_difference(data)] if trained.geometry_difference(data) else []
+    trained_sensors, data_sensors: of a hand; None: any number. model: its name for error messages."""
+    differences = list(filter(None, [trained.geometry_difference(data)]))
     if None not in (trained_sensors, data_sensors) and trained_sensors != data_sensors:
         differences.append(f"sensors of a hand: {trained_sensors} and {data_sensors}")
     if differences:
@@ -159,7 +148,7 @@ def require_sensor(
 
 
 def load_touch_depth(path: Path | str) -> TouchDepth:
-    """The trained U-Net in evaluation mode, on the CPU; raises CheckpointError as `load` does."""
+    """The trained U-Net in evaluation mode, on the CPU; raises as `load`."""
     content = read(path, "touch_depth")
     return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 

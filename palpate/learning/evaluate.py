@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from functools import cache
-from itertools import groupby, islice
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,10 +55,8 @@ class Trained(NamedTuple):
 
 
 def load(model: Path | str, summary: Path | str, experiment: Experiment, seed: int, device: str) -> Trained:
-    """A model from its `best.ckpt` and `training.json`; device: `auto`, `cpu` or `gpu`.
-
-    Raises what `checkpoints.load` raises for a checkpoint of another experiment or schema version.
-    """
+    """A model from its `best.ckpt` and `training.json`; device: `auto`, `cpu` or `gpu`. Raises what `checkpoints.load`
+    raises for a checkpoint of another experiment or schema version."""
     on = Machine(device).torch_device()
     return Trained(checkpoints.load(model, experiment).to(on), experiment, seed, training_steps(summary), on)
 
@@ -78,38 +76,32 @@ def _training_objects(run: Path | str, has_vision: bool) -> Objects:
 
 
 def training_steps(summary: Path | str) -> int:
-    """Number of training steps of a model, from its `training.json`.
-
-    Raises EvaluationError, naming the file and the remedy, if it is missing, damaged or does not say.
-    """
-    summary = Path(summary)
-    remedy = f"remove it and train the model again with: {rebuild_command(summary)}"
+    """Number of training steps of a model, from its `training.json`. Raises EvaluationError, naming the file and the
+    remedy, if it is missing, damaged or does not say."""
     try:
         return int(read_record(summary)["steps"])
     except DamagedFile as error:
         raise EvaluationError(str(error)) from None
     except (KeyError, TypeError, ValueError):
+        remedy = f"remove it and train the model again with: {rebuild_command(Path(summary))}"
         raise EvaluationError(f"{summary} does not say how many steps were trained; {remedy}") from None
 
 
 def evaluate(
     trained: Trained, data: ExperimentData, points: int = POINTS, splits: Sequence[str] = SPLITS
 ) -> pd.DataFrame:
-    """Score every sample (`palpate.learning.samples.windows`) of some splits: `rows.COLUMNS`, a row a sample.
-
-    `points` are sampled on the predicted mesh, from random numbers that depend on the object only, so that models
-    differ by their meshes only. `seconds` is the prediction's time, an equal share of its batch's. Raises
-    EvaluationError, naming the object, for a prediction that is not finite.
-    """
+    """Score every sample (`palpate.learning.samples.windows`) of some splits: `rows.COLUMNS`, a row a sample. `points`
+    are sampled on the predicted mesh, from random numbers that depend on the object only, so that models differ by
+    their meshes only. `seconds` is the prediction's time, an equal share of its batch's. Raises EvaluationError, naming
+    the object, for a prediction that is not finite."""
     rows, last = [], None
     surface = topology(trained.experiment.plan.start)
     for sample, prediction, seconds in predictions(trained, data, splits):
-        name = data.objects[sample.object]
         vertices, faces = trained.model.mesh(prediction)
         if last != sample.object:
             cloud, last = torch.from_numpy(data["points"][sample.object]).to(trained.device), sample.object
             tree = build_tree(cloud)
-        scores = score(points_on(vertices, faces, points, name), cloud, tree)
+        scores = score(points_on(vertices, faces, points, data.objects[sample.object]), cloud, tree)
         quality = surface_quality(vertices.cpu().numpy(), surface, tree)
         rows.append(row_of(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
@@ -118,12 +110,10 @@ def evaluate(
 def evaluate_rings(
     trained: Trained, data: ExperimentData, dataset: Dataset, splits: Sequence[str], points: int = SAMPLES
 ) -> pd.DataFrame:
-    """Distances from the true surface in the rings around each touch to the predictions of some splits.
-
-    Columns `rows.RING_COLUMNS`; a row for each sample, successful touch and ring. The touches are those of the sample's
-    grasps, or of all grasps if no input of the model depends on a grasp. `distance` (m^2) is nan for a ring without
-    surface. dataset: the run's, with its stores of touch and rings.
-    """
+    """Distances from the true surface in the rings around each touch to the predictions of some splits. Columns
+    `rows.RING_COLUMNS`; a row for each sample, successful touch and ring. The touches are those of the sample's grasps,
+    or of all grasps if no input of the model depends on a grasp. `distance` (m^2) is nan for a ring without surface.
+    dataset: the run's, with its stores of touch and rings."""
     rows, touches, last = [], [], None
     for sample, prediction, _ in predictions(trained, data, splits):
         name = data.objects[sample.object]
@@ -155,23 +145,23 @@ def _touch_rings(item: ObjectRecord, kind: Sensor) -> list[dict[int, list[np.nda
 def predictions(
     trained: Trained, data: ExperimentData, splits: Sequence[str]
 ) -> Iterator[tuple[Sample, Tensor, float]]:
-    """Each sample of some splits with what the model predicts, as its `forward` says, and the seconds it took.
-
-    Raises EvaluationError if there is no object, and what `predict` raises; CheckpointError if the touches are of
-    another sensor than the model's.
-    """
+    """Each sample of some splits with what the model predicts, as its `forward` says, and the seconds it took. Raises
+    EvaluationError if there is no object, and what `predict` raises; CheckpointError if the touches are of another
+    sensor than the model's."""
     model, experiment = trained.model, trained.experiment
     samples = windows(data, experiment, *splits)
     if not samples:
-        raise EvaluationError(
-            f"{data.source}: no object in {' or '.join(splits)}: more objects are needed (config classes)"
-        )
+        missing = f"no object in {' or '.join(splits)}"
+        raise EvaluationError(f"{data.source}: {missing}: more objects are needed (config classes)")
     if experiment.touch:
         require_sensor(model.hand_sensors, model.sensor, data.hand_sensors, data.sensor, f"model {experiment.name}")
     assemble, label = Assembler(data, experiment, trained.device), f"{experiment.name} seed {trained.seed}"
     bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
+    # Together are samples of one object where it has several, else of several objects.
+    by_object = [list(group) for _, group in groupby(samples, lambda sample: sample.object)]
+    groups = by_object if len(samples) > len(by_object) else [samples]
     done = 0
-    for chosen in _batches(samples):
+    for chosen in (group[at : at + BATCH_SIZE] for group in groups for at in range(0, len(group), BATCH_SIZE)):
         start = time.perf_counter()
         vertices = predict(trained, assemble, chosen, data)
         seconds = (time.perf_counter() - start) / len(chosen)
@@ -183,10 +173,8 @@ def predictions(
 
 
 def predict(trained: Trained, assemble: Assembler, chosen: Sequence[Sample], data: ExperimentData) -> Tensor:
-    """What a model predicts of samples that have as many grasps each, (B, V, 3) vertices.
-
-    Raises EvaluationError, naming the object, if a prediction is not finite.
-    """
+    """What a model predicts of samples that have as many grasps each, (B, V, 3) vertices. Raises EvaluationError,
+    naming the object, if a prediction is not finite."""
     batch = assemble(chosen)
     one_image = len({(sample.object, sample.view) for sample in chosen}) == 1
     if trained.experiment.vision == "unoccluded" and one_image and "image" in batch:
@@ -202,21 +190,12 @@ def predict(trained: Trained, assemble: Assembler, chosen: Sequence[Sample], dat
     return vertices
 
 
-def _batches(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
-    """Samples that are predicted together: of one object where it has several, else of several objects."""
-    by_object = [list(group) for _, group in groupby(samples, lambda sample: sample.object)]
-    for left in map(iter, by_object if len(samples) > len(by_object) else [samples]):
-        while chosen := list(islice(left, BATCH_SIZE)):
-            yield chosen
-
-
 def points_on(vertices: Tensor, faces: Tensor, count: int, name: str) -> Tensor:
     """(count, 3) points on a mesh, or its vertices if it has no faces; random by the object's name only."""
     return sample_faces(vertices[None], faces, count, seeded(0, name, "evaluation"))[0] if len(faces) else vertices
 
 
 def row_of(trained: Trained, data: ExperimentData, sample: Sample) -> dict[str, Any]:
-    """The columns of evaluations that say what a sample is."""
     return {
         "experiment": trained.experiment.name,
         "seed": trained.seed,
@@ -231,15 +210,12 @@ def row_of(trained: Trained, data: ExperimentData, sample: Sample) -> dict[str, 
 def evaluate_touch(
     model: TouchDepth, steps: int, dataset: Dataset, points: int = POINTS, splits: Sequence[str] = SPLITS
 ) -> pd.DataFrame:
-    """Score the local predictions at every successful touch of some splits: `rows.TOUCH_COLUMNS`.
-
-    `cloud` is the Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels whose reading differs from the
-    untouched one, at the predicted depth) to the true one; `chart` that of `points` sampled on the touch chart that was
-    fitted to it. model: in evaluation mode, on any device; steps: those it was trained for. dataset: the run's, with
-    its stores of touch and charts.
-
-    Raises EvaluationError if these splits have no successful touch; CheckpointError if they are of another sensor.
-    """
+    """Score the local predictions at every successful touch of some splits: `rows.TOUCH_COLUMNS`. `cloud` is the
+    Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels whose reading differs from the untouched one,
+    at the predicted depth) to the true one; `chart` that of `points` sampled on the touch chart that was fitted to it.
+    model: in evaluation mode, on any device; steps: those it was trained for. dataset: the run's, with its stores of
+    touch and charts. Raises EvaluationError if these splits have no successful touch; CheckpointError if they are of
+    another sensor."""
     require_sensor(None, model.sensor, None, dataset.sensor, "the model of touches")
     records = [record for record in dataset if record.split in splits]
     rows, empty = [], channels_first(dataset.empty_reading)
@@ -256,14 +232,6 @@ def evaluate_touch(
     return pd.DataFrame(rows, columns=TOUCH_COLUMNS)
 
 
-def _on_charts(charts: Tensor, points: int, draw: torch.Generator) -> list[Tensor]:
-    """So many points on each of touch charts (T, 81, 3); its vertices where a contact of one pixel left it no area."""
-    faces = touch_chart().faces.to(charts.device)
-    has_area = face_areas(charts[:, faces]).sum(dim=1) > 0
-    sampled = iter(sample_faces(charts[has_area], faces, points, draw))
-    return [next(sampled) if area else chart for chart, area in zip(charts, has_area, strict=True)]
-
-
 def _local_scores(
     model: TouchDepth, grasp: GraspRecord, sensors: np.ndarray, empty: Tensor, points: int, draw: torch.Generator
 ) -> tuple[list[float], list[float]]:
@@ -274,8 +242,11 @@ def _local_scores(
     depth, valid = predict_depth(model, channels_first(grasp.reading[sensors]).to(device), empty.to(device))
     true = torch.from_numpy(grasp.depth[sensors]).to(device)
     clouds, truths = masked_clouds(depth, valid, size), masked_clouds(true, torch.isfinite(true), size)
-    chart = torch.from_numpy(grasp.vertices[sensors]).to(device)
-    on_charts = _on_charts(chart, points, draw)
+    charts, faces = torch.from_numpy(grasp.vertices[sensors]).to(device), touch_chart().faces.to(device)
+    has_area = face_areas(charts[:, faces]).sum(dim=1) > 0
+    sampled = iter(sample_faces(charts[has_area], faces, points, draw))
+    # Of a chart that a contact of one pixel left no area its vertices.
+    on_charts = [next(sampled) if area else chart for chart, area in zip(charts, has_area, strict=True)]
     world = [torch.from_numpy(grasp.points[sensor]).to(device) for sensor in sensors]
     of_clouds, of_charts = chamfer_distance(clouds, truths), chamfer_distance(on_charts, world)
     return (CHAMFER_SCALE * of_clouds).tolist(), (CHAMFER_SCALE * of_charts).tolist()

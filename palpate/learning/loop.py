@@ -37,9 +37,7 @@ Row = dict[str, Any]  # of `HISTORY`
 
 class Training:
     """A training in progress: its history, its steps, and its checkpoints.
-
-    folder: of the checkpoints. label: for progress. name: of the model in its run, which the best one states.
-    """
+    folder: of the checkpoints. label: for progress. name: of the model in its run, which the best one states."""
 
     def __init__(self, learner: Learner, fabric: Fabric, folder: Path, label: str, name: str | None = None):
         self.learner, self.fabric, self.folder, self.label, self.name = learner, fabric, folder, label, name
@@ -49,32 +47,22 @@ class Training:
         self.history: list[Row] = []
 
     @property
-    def state(self) -> dict[str, Any]:
-        """What a training goes on from."""
+    def state(self) -> dict[str, Any]:  # what a training goes on from
         parts = {"model": self.learner.model, "optimiser": self.optimiser, "schedule": self.schedule}
         return {**parts, "history": self.history}
 
     @property
     def best(self) -> Row:
-        """The row of the history with the lowest validation loss."""
         return min(self.history, key=lambda row: row["validation_loss"])
 
     @property
-    def done(self) -> int:
-        """Steps that were made and evaluated."""
+    def done(self) -> int:  # steps that were made and evaluated
         return self.history[-1]["step"] if self.history else 0
 
     @property
-    def out_of_patience(self) -> bool:
-        """Whether the last evaluations, as many as the settings' patience, were no better."""
+    def out_of_patience(self) -> bool:  # whether the last evaluations were no better
         patience = self.learner.settings.patience
         return bool(self.history and patience and self.history.index(self.best) + patience < len(self.history))
-
-    def resume(self, path: Path) -> None:
-        """Go on from a state that was saved."""
-        state = self.state
-        self.fabric.load(path, state, weights_only=True)
-        self.history = state["history"]
 
     def run(self) -> None:
         """All steps that are left, each evaluation with a row of the history and a checkpoint."""
@@ -89,9 +77,14 @@ class Training:
                 bar.update()
                 now = time.perf_counter()
                 if now - logged >= max(LOG_EVERY, LOG_SHARE * (now - start)) or step + 1 == learner.steps:
-                    logged = now
-                    self._log_progress(step + 1, (step + 1 - began_at) / (now - start), torch.stack(losses).mean())
-            if (idle := self._idle()) > MOST_IDLE:
+                    logged, reached = now, f"step {step + 1} of {learner.steps}"
+                    rate, loss, best = (step + 1 - began_at) / (now - start), float(torch.stack(losses).mean()), ""
+                    if self.history:
+                        best = f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
+                    log.info("%s: %s, %.2f a second, loss %.3f%s", self.label, reached, rate, loss, best)
+            gradients = [weights.grad for weights in learner.model.parameters() if weights.grad is not None]
+            idle = sum(int((each == 0).sum()) for each in gradients) / sum(each.numel() for each in gradients)
+            if idle > MOST_IDLE:
                 raise Diverged(
                     f"by step {step + 1} the network is dead: {idle:.4%} of its weights get no gradient, and its "
                     "prediction no longer depends on its input"
@@ -125,11 +118,6 @@ class Training:
         self.schedule.step()
         return loss.detach()
 
-    def _idle(self) -> float:
-        """The share of the weights whose gradient was 0 in the last step."""
-        gradients = [weights.grad for weights in self.learner.model.parameters() if weights.grad is not None]
-        return sum(int((values == 0).sum()) for values in gradients) / sum(values.numel() for values in gradients)
-
     @torch.inference_mode()
     def _validation_loss(self) -> float:
         """The mean loss of the validation samples of all processes."""
@@ -152,13 +140,6 @@ class Training:
             seal.write(partial, name=LAST)
             partial.replace(self.folder / LAST)
 
-    def _log_progress(self, done: int, rate: float, loss: torch.Tensor) -> None:
-        best = ""
-        if self.history:
-            best = f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
-        steps = self.learner.steps
-        log.info("%s: step %d of %d, %.2f a second, loss %.3f%s", self.label, done, steps, rate, float(loss), best)
-
 
 def train(
     learner: Learner,
@@ -169,16 +150,12 @@ def train(
     made_from: seal.MadeFrom = seal.NOTHING,
 ) -> dict[str, Any]:
     """Train a model, or resume an interrupted training of the same model; the result is the same.
-
     learner: the model with its data and settings. folder: gets `best.ckpt` (see `checkpoints`), `training.json` (which
-    is returned), and `history.csv` (step, seconds, train_loss, validation_loss, rate: a row an evaluation, losses in
-    the tables' unit). checkpoint_folder: checkpoints of the training in progress; removed at the end. Those of another
-    config or other data are ignored. label: for progress. made_from: what the seals of the three files state.
-
-    Raises Diverged, naming the sample and the last good checkpoint, if the prediction, the loss or its gradient becomes
-    NaN or infinite, before any weight is changed by it; Diverged too if at an evaluation no gradient reaches the
-    network; ValueError for a precision below float32.
-    """
+    is returned), and `history.csv` (a row an evaluation, losses in the tables' unit). checkpoint_folder: of the
+    training in progress; removed at the end. Those of another config or other data are ignored. label: for progress.
+    made_from: what the seals of the three files state. Raises Diverged, naming the sample and the last good checkpoint,
+    if the prediction, the loss or its gradient becomes NaN or infinite, before any weight is changed by it, or if at an
+    evaluation no gradient reaches the network; ValueError for a precision below float32."""
     folder, checkpoints_folder = Path(folder), Path(checkpoint_folder)
     if machine.precision not in PRECISIONS:
         raise ValueError(f"precision {machine.precision!r}: choose one of {', '.join(PRECISIONS)}")
@@ -187,14 +164,17 @@ def train(
     devices = machine.devices if accelerator == "gpu" else 1
     precision = cast(Any, machine.precision)  # a text among those above; Fabric's type lists all as literals
     fabric = Fabric(accelerator=accelerator, devices=devices, precision=precision)
-    identity = _identity(learner, machine)
+    determines = {"precision": machine.precision, "schema": checkpoints.SCHEMA_VERSION, **learner.stated()}
+    identity = hashlib.sha256(json.dumps(determines, sort_keys=True).encode()).hexdigest()
     if fabric.local_rank == 0:  # the first process starts the others
         _prepare(checkpoints_folder, identity)
     fabric.launch()
     training = Training(learner, fabric, checkpoints_folder, label, checkpoints.name_of(folder / BEST))
     if (last := checkpoints_folder / LAST).exists():
         log.info("%s: continues from %s", label, last)
-        training.resume(last)
+        state = training.state
+        fabric.load(last, state, weights_only=True)
+        training.history = state["history"]
     # Adam's averages of a weight without gradient fall below 1e-38 in some 800 steps; processors compute with such
     # numbers many times slower than with 0.
     torch.set_flush_denormal(True)
@@ -214,17 +194,9 @@ def train(
     return summary
 
 
-def _identity(learner: Learner, machine: Machine) -> str:
-    """Digest of all that determines the weights."""
-    determines = {"precision": machine.precision, "schema": checkpoints.SCHEMA_VERSION, **learner.stated()}
-    return hashlib.sha256(json.dumps(determines, sort_keys=True).encode()).hexdigest()
-
-
 def _prepare(checkpoints_folder: Path, identity: str) -> None:
     """Make the folder of checkpoints. Those of an interrupted training with this identity stay, of another are removed.
-
-    Raises CheckpointError or DamagedFile if it is damaged: training anew is the user's choice.
-    """
+    Raises CheckpointError or DamagedFile if it is damaged: training anew is the user's choice."""
     marker, last = checkpoints_folder / "identity", checkpoints_folder / LAST
     if last.exists() and marker.exists() and read_text(marker).strip() == identity:
         checkpoints.require_intact(last)
@@ -254,11 +226,7 @@ def _summary(training: Training, machine: Machine, accelerator: str) -> dict[str
 
 
 def _write(
-    folder: Path,
-    checkpoints_folder: Path,
-    history: list[Row],
-    summary: dict[str, Any],
-    made_from: seal.MadeFrom,
+    folder: Path, checkpoints_folder: Path, history: list[Row], summary: dict[str, Any], made_from: seal.MadeFrom
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / "history.csv", made_from) as partial, open(partial, "w", newline="") as file:

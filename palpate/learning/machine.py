@@ -6,16 +6,12 @@ import torch
 
 
 class Machine(NamedTuple):
-    """What a model is trained on.
+    """What a model is trained on."""
 
-    device: `auto` (a GPU if there is one), `cpu` or `gpu`. devices: number of GPUs. precision: `32-true`, or
-    `bf16-mixed`, where weights stay in float32: in bfloat16 a position is good to a millimetre. threads: of the CPU.
-    """
-
-    device: str = "auto"
-    devices: int = 1
-    precision: str = "32-true"
-    threads: int = 1
+    device: str = "auto"  # a GPU if there is one; or `cpu`, `gpu`
+    devices: int = 1  # number of GPUs
+    precision: str = "32-true"  # or `bf16-mixed`: weights stay in float32, since in bfloat16 they are good to a mm
+    threads: int = 1  # of the CPU
 
     def accelerator(self) -> str:
         """`cpu` or `gpu`. Raises ValueError if a GPU is asked for and there is none."""

@@ -1,8 +1,4 @@
-"""Metrics: Chamfer distance, F1 scores and errors in rings, between point clouds with exact nearest neighbours.
-
-Clouds are in metres, in any frame that both share. The paper's tables hold `CHAMFER_SCALE` times the Chamfer
-distance in m^2.
-"""
+"""Chamfer distance, F1 scores and errors in rings of point clouds (m, one frame), with exact nearest neighbours."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -18,29 +14,24 @@ from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, TAU
 
 
 class Score(NamedTuple):
-    """Scores of one prediction: the paper's Chamfer distance (m^2 x 9000), and F1 at Pixel2Mesh's tau and 2 tau in
-    percent."""
+    """Scores of one prediction."""
 
-    chamfer: float
-    f1_tau: float
+    chamfer: float  # the paper's, m^2 x 9000
+    f1_tau: float  # percent, at Pixel2Mesh's tau
     f1_2tau: float
 
 
 def squared_distances(points: Tensor, others: Tensor) -> Tensor:
-    """Squared distance (n,) float64 m^2 of each point (n, 3) to the nearest of the others (m, 3), metres.
-
-    Raises ValueError if a cloud is empty or holds NaN or infinity.
-    """
+    """Squared distance (n,) float64 m^2 of each point (n, 3) to the nearest of the others (m, 3), metres. Raises
+    ValueError if a cloud is empty or holds NaN or infinity."""
     index = nearest(points, others)
     return (points.double() - others[index].double()).square().sum(dim=1)
 
 
 def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarray:
     """Mean squared distance (k,) m^2 from the points of each ring to the nearest point of a prediction.
-
     rings: k arrays (n, 3), of any number of touches; nan for one without points. prediction: (m, 3) points on it;
-    metres, one frame. Raises ValueError for a prediction that is empty or not finite.
-    """
+    metres, one frame. Raises ValueError for a prediction that is empty or not finite."""
     sizes = [len(points) for points in rings]
     if not sum(sizes):
         return np.full(len(rings), np.nan)
@@ -50,12 +41,10 @@ def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarra
 
 
 def score(prediction: Tensor, truth: Tensor, tree: cKDTree | None = None) -> Score:
-    """All scores of a predicted cloud (n, 3) against the true one (m, 3); `tree` is the true one's.
-
-    The Chamfer distance is the mean squared distance each way, added (section 3.1, with means for sums). F1
-    is the harmonic mean of precision (share of predicted points with a true point nearer than the threshold)
-    and recall (the other way round), 0 if both are. Raises ValueError if a cloud is empty or not finite.
-    """
+    """All scores of a predicted cloud (n, 3) against the true one (m, 3); `tree` is the true one's. The Chamfer
+    distance is the mean squared distance each way, added (section 3.1, with means for sums). F1 is the harmonic mean of
+    precision (share of predicted points with a true point nearer than the threshold) and recall (the other way round),
+    0 if both are. Raises ValueError if a cloud is empty or not finite."""
     true, predicted = tree or build_tree(truth), build_tree(prediction)
     to_truth, to_prediction = _between_trees(predicted, true), _between_trees(true, predicted)
     thresholds = [tau / PIXEL2MESH_SCALE**2 for tau in (TAU, 2 * TAU)]

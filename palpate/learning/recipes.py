@@ -33,26 +33,22 @@ class Settings:
 
 @dataclass(frozen=True)
 class TouchDepthSettings(Settings):
-    """Of the U-Net. width: channels of its first level."""
+    """Of the U-Net."""
 
-    width: int
+    width: int  # channels of its first level
 
 
 @dataclass(frozen=True)
 class ReconstructionSettings(Settings):
-    """Of a model of config/experiments.yaml.
-
-    validation_points: sampled on its predictions. epoch: each of the `objects` once, or each of the `grasps`.
-    """
+    """Of a model of config/experiments.yaml."""
 
     loss_points: int
-    validation_points: int
-    epoch: str
+    validation_points: int  # sampled on its predictions
+    epoch: str  # each of the `objects` once, or each of the `grasps`
     architecture: Architecture
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> "ReconstructionSettings":
-        """The settings in the form that `row` gives (Snakemake's params)."""
         return cls(**{**row, "architecture": Architecture.from_row(row["architecture"])})
 
 
@@ -69,16 +65,13 @@ class Recipe:
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> "Recipe":
-        """The recipe as the file has it, and as `row` gives it (Snakemake's params)."""
         return cls(**{**row, "touch_depth": TouchDepthSettings(**row["touch_depth"])})
 
     @classmethod
     def read(cls, recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> "Recipe":
-        """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked.
-
-        Raises ConfigError, naming the keys, if there is no such recipe, or the file or the result does not fit the
-        schema or has neither steps nor epochs.
-        """
+        """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked. Raises ConfigError,
+        naming the keys, if there is no such recipe, or the file or the result does not fit the schema or has neither
+        steps nor epochs."""
         known = yaml.safe_load(Path(recipes).read_text())
         check(known, schema, str(recipes))
         if name not in known:
@@ -101,10 +94,8 @@ class Recipe:
 
     def settings(self, experiment: Experiment) -> ReconstructionSettings:
         """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
-
         Architecture `paper` is resolved. Steps, epochs and the steps between evaluations are then multiplied by
-        `steps_factor`, if there is one.
-        """
+        `steps_factor`, if there is one."""
         merged = merge(self.reconstruction, self.modalities.get(experiment.modality, {}))
         merged = merge(merged, self.strategies.get(experiment.strategy, {}))
         papers = merged["architecture"] == "paper"

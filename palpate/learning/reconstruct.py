@@ -14,14 +14,12 @@ from palpate.configuration import nearest
 from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.experiments import Experiment
 from palpate.rebuild_command import rebuild_command
-from palpate.sensor import Sensor
 from palpate.store import CONTRACT, Store
 
 if TYPE_CHECKING:
     import trimesh
 
 CHECKPOINT = "best.ckpt"
-TOUCH_DEPTH = "touch_depth"  # the folder of the U-Net, beside those of the experiments
 # By which a rotation times its transpose may differ from the identity: measured poses are good to that.
 ROTATION = 1e-3
 FLAT = 1e12  # condition number of a projection that maps the scene to a line or a point
@@ -32,16 +30,12 @@ TOUCH_COLOUR = (0.84, 0.37, 0.00)
 
 
 class GraspTouches(NamedTuple):
-    """Readings and poses of the sensors of one grasp: what a model needs of a grasp record.
+    """Readings and poses of the sensors of one grasp: what a model needs of a grasp record."""
 
-    reading: (s, r, c, 3) uint8 images of the gels. position: (s, 3) metres and rotation: (s, 3, 3) of the sensors in
-    the world, columns of a rotation being the sensor's axes. success: (s,) bool, whether the sensor touches the object.
-    """
-
-    reading: np.ndarray
-    position: np.ndarray
-    rotation: np.ndarray
-    success: np.ndarray
+    reading: np.ndarray  # (s, r, c, 3) uint8 images of the gels
+    position: np.ndarray  # (s, 3) metres, world
+    rotation: np.ndarray  # (s, 3, 3), world; columns are the sensor's axes
+    success: np.ndarray  # (s,) bool, whether the sensor touches the object
 
 
 Grasp = GraspTouches | GraspRecord
@@ -49,14 +43,11 @@ Grasps = Grasp | Sequence[Grasp] | None
 
 
 class Silhouette(NamedTuple):
-    """Where the object is seen in an image, for models that begin with a training object.
+    """Where the object is seen in an image, for models that begin with a training object."""
 
-    mask: (s, s) bool, the object. hand: (s, s) bool, what may hide it; None: nothing. view: number of the camera.
-    """
-
-    mask: np.ndarray
-    hand: np.ndarray | None = None
-    view: int = 0
+    mask: np.ndarray  # (s, s) bool, the object
+    hand: np.ndarray | None = None  # (s, s) bool, what may hide it; None: nothing
+    view: int = 0  # number of the camera
 
 
 class Inputs(NamedTuple):
@@ -69,15 +60,11 @@ class Inputs(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A reconstruction in the world frame, metres: the object's centre is at `palpate.mesh.OBJECT_POSITION`.
+    """A reconstruction in the world frame, metres: the object's centre is at `palpate.mesh.OBJECT_POSITION`."""
 
-    vertices: (V, 3) float32. faces: (F, 3) int64. touch: (F,) bool, whether a face belongs to the chart of a
-    successful touch.
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    touch: np.ndarray
+    vertices: np.ndarray  # (V, 3) float32
+    faces: np.ndarray  # (F, 3) int64
+    touch: np.ndarray  # (F,) bool, whether a face belongs to the chart of a successful touch
 
     def mesh(self) -> "trimesh.Trimesh":
         """The charts as one mesh, not joined: touch charts in one colour, all else in another."""
@@ -113,51 +100,50 @@ def reconstruct(
     Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are, touch charts
     in another colour. Without any successful touch there is a warning: the model only knows where sensors are. Raises
     ReconstructionError for a model that is not there, a missing image or touch, and values of another shape or not
-    finite. For many objects, make one `Reconstructor`.
-    """
+    finite. For many objects, make one `Reconstructor`."""
     return Reconstructor(model, device)(image, touches, camera, silhouette).mesh()
 
 
 class Reconstructor:
     """A trained model, loaded once: `model(image, touches) -> Shape`, `model.predict(record) -> Shape`.
-
-    model: its folder or checkpoint, as `reconstruct` takes it. device: of torch.
-
-    Attributes: experiment, that it was trained for.
-
-    Raises ReconstructionError if the model is not there (naming those that are), its run has no U-Net, or the device
-    can't be used; CheckpointError as `palpate.learning.checkpoints.load` does.
-    """
+    model: its folder or checkpoint, as `reconstruct` takes it. device: of torch. Raises ReconstructionError if the
+    model is not there (naming those that are), its run has no U-Net, or the device can't be used; CheckpointError as
+    `palpate.learning.checkpoints.load` does."""
 
     def __init__(self, model: Path | str, device: str = "cpu"):
         self.path = checkpoint(model)
-        from palpate.learning import checkpoints  # brings torch: after what can be wrong without it
+        import torch  # after what can be wrong without it
 
-        check_device(device)
+        from palpate.learning import checkpoints
+
+        try:
+            torch.empty(0, device=device)
+        # torch's errors for a device it does not know, was built without, or can compute nothing on.
+        except (RuntimeError, AssertionError, NotImplementedError) as error:
+            reason = str(error).strip().partition("\n")[0]
+            raise ReconstructionError(f"device {device!r} can't be used here ({reason}): use cpu") from None
         content = checkpoints.read(self.path, "reconstruction")
         self._model = checkpoints.load(self.path).to(device)
         self.experiment: Experiment = checkpoints.experiment_of(content)
         self._camera, self._image_size = content.get("camera"), content.get("image_size")
         self._charts: TouchCharts | None = None
         if self.experiment.takes_charts:
-            touch_depth = self.path.parents[2] / TOUCH_DEPTH
-            if not (touch_depth / CHECKPOINT).is_file():
+            touch_depth = self.path.parents[2] / "touch_depth" / CHECKPOINT
+            if not touch_depth.is_file():
                 raise ReconstructionError(
-                    f"{touch_depth / CHECKPOINT} does not exist: the U-Net that turns readings into charts "
-                    f"lies beside the run's experiments; train it with: {rebuild_command(touch_depth / CHECKPOINT)}"
+                    f"{touch_depth} does not exist: the U-Net that turns readings into charts "
+                    f"lies beside the run's experiments; train it with: {rebuild_command(touch_depth)}"
                 )
             self._charts = TouchCharts(touch_depth, device)
             own = self._model.sensor
             checkpoints.require_sensor(None, own, None, self._charts.model.sensor, f"{self.path} (but not its U-Net)")
 
     @property
-    def name(self) -> str:
-        """The experiment's name."""
+    def name(self) -> str:  # the experiment's
         return self.path.parents[1].name
 
     @property
-    def grasps(self) -> range:
-        """The numbers of grasps that the model takes the touches of."""
+    def grasps(self) -> range:  # the numbers of grasps that the model takes the touches of
         experiment = self.experiment
         return range(experiment.fewest_grasps, experiment.grasps + 1) if experiment.touch else range(1)
 
@@ -200,17 +186,14 @@ class Reconstructor:
         return self(*of_object(record, self.experiment, grasps, view))
 
     def predictions(self, record: ObjectRecord, grasps: Sequence[int] | None = None) -> dict[int, "trimesh.Trimesh"]:
-        """Meshes of an object record by the number of the grasp: from each of some grasps, or of all.
-
-        A model that takes several grasps only, or none, makes one mesh of the first ones, which stands for each.
-        """
+        """Meshes of an object record by the number of the grasp: from each of some grasps, or of all. A model that
+        takes several grasps only, or none, makes one mesh of the first ones, which stands for each."""
         numbers = list(range(len(record.grasps))) if grasps is None else list(grasps)
         if self.experiment.takes_grasps and (self.experiment.grasps == 1 or self.experiment.fewer_grasps):
             return {number: self.predict(record, [number]).mesh() for number in numbers}
         return dict.fromkeys(numbers, self.predict(record).mesh())
 
     def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
-        """The image and its camera as the model takes them."""
         if image is None:
             raise ReconstructionError(f"{self.name} takes an image ({self.experiment.vision} vision): give one")
         image = np.asarray(image)
@@ -235,7 +218,6 @@ class Reconstructor:
         return {"image": image, "camera": projection.astype(np.float32)}
 
     def _silhouette_inputs(self, silhouette: Silhouette | None, image: np.ndarray) -> dict[str, np.ndarray]:
-        """The silhouette as the model takes it."""
         if silhouette is None:
             raise ReconstructionError(
                 f"{self.name} also takes the object's silhouette in the image: give one; of an object of a dataset, "
@@ -245,9 +227,8 @@ class Reconstructor:
         seen = {key: np.asarray(values, dtype=bool) for key, values in pixels.items() if values is not None}
         for key, values in seen.items():
             if values.shape != image.shape[:2]:
-                raise ReconstructionError(
-                    f"the silhouette's {key} has shape {values.shape}, expected the image's {image.shape[:2]}"
-                )
+                expected = f"expected the image's {image.shape[:2]}"
+                raise ReconstructionError(f"the silhouette's {key} has shape {values.shape}, {expected}")
         return seen | {"camera_number": np.asarray(silhouette.view)}
 
     def _all_touches(self, touches: Grasps) -> GraspTouches:
@@ -255,10 +236,8 @@ class Reconstructor:
         given: Any = () if touches is None else touches  # also of a class of the caller's, with the same attributes
         grasps, model = [given] if hasattr(given, "reading") else list(given), self._model
         if len(grasps) not in self.grasps:
-            fewest = f"{self.grasps[0]} to " * (len(self.grasps) > 1)
-            raise ReconstructionError(
-                f"{self.name} takes {fewest}{_counted(self.grasps[-1])}, but touches of {len(grasps)} were given"
-            )
+            taken = f"{self.grasps[0]} to " * (len(self.grasps) > 1) + _counted(self.grasps[-1])
+            raise ReconstructionError(f"{self.name} takes {taken}, but touches of {len(grasps)} were given")
         for grasp in grasps:  # records of a dataset say what they are of; `GraspTouches` do not
             kind = getattr(grasp, "sensor", model.sensor)
             if differs := model.sensor.geometry_difference(kind):
@@ -274,9 +253,8 @@ class Reconstructor:
         shapes = (count, *model.sensor.resolution, 3), (count, 3), (count, 3, 3), (count,)
         for name, values, shape in zip(sensors._fields, sensors, shapes, strict=True):
             if values.shape != shape:
-                raise ReconstructionError(
-                    f"touches: {name} of {_counted(len(grasps))} has shape {values.shape}, expected {shape}"
-                )
+                of = f"{name} of {_counted(len(grasps))}"
+                raise ReconstructionError(f"touches: {of} has shape {values.shape}, expected {shape}")
             _check_finite(f"touches: {name}", values)
         turned = np.asarray(sensors.rotation, dtype=float)
         if np.abs(turned @ turned.swapaxes(1, 2) - np.eye(3)).max() > ROTATION or (np.linalg.det(turned) < 0).any():
@@ -308,16 +286,16 @@ class Reconstructor:
 
 class TouchCharts:
     """The run's U-Net and the fit of charts: `charts(touches) -> (k, 81, 3)` metres, world frame.
-
-    touch_depth: its folder or checkpoint.
-    """
+    touch_depth: its folder or checkpoint."""
 
     def __init__(self, touch_depth: Path | str, device: str = "cpu"):
         self.path = checkpoint(touch_depth)
         from palpate.learning.checkpoints import load_touch_depth
+        from palpate.touch import empty_reading
 
         self.model = load_touch_depth(self.path).to(device)
-        self.empty_reading = _empty_reading(self.path.parents[2], self.model.sensor)
+        stores = sorted(self.path.parents[2].glob(CONTRACT["touch"].path("*")))  # of the run, if it has any
+        self.empty_reading = Store(stores[0]).empty_reading if stores else empty_reading(self.model.sensor)
 
     def __call__(self, touches: Grasp) -> np.ndarray:
         """Charts of k sensors; those of sensors that touch nothing are all at the sensor's position."""
@@ -347,48 +325,22 @@ class TouchCharts:
         ]
 
 
-def _empty_reading(run: Path, sensor: Sensor) -> np.ndarray:
-    """(r, c, 3) uint8 reading of an untouched sensor: the run's, or the simulated one if it has none."""
-    for path in sorted(run.glob(CONTRACT["touch"].path("*"))):
-        return Store(path).get("empty_reading")
-    from palpate.touch import empty_reading
-
-    return empty_reading(sensor)
-
-
 def checkpoint(model: Path | str) -> Path:
-    """The checkpoint of a model's folder, or the one named. Needs no torch.
-
-    Raises ReconstructionError, naming the models that its run has, if it is not there.
-    """
+    """The checkpoint of a model's folder, or the one named. Needs no torch. Raises ReconstructionError, naming the
+    models that its run has, if it is not there."""
     path = Path(model)
     file = path if path.suffix == ".ckpt" else path / CHECKPOINT
     if file.is_file():
         return file
     known = trained(next((folder for folder in file.parents if folder.name == "models"), path))
-    raise ReconstructionError(
-        f"{file} does not exist; trained are: {', '.join(known)}"
-        if known
-        else f"{file} does not exist, and nothing is trained there; train it with: {rebuild_command(file)}"
-    )
+    nothing = f", and nothing is trained there; train it with: {rebuild_command(file)}"
+    raise ReconstructionError(f"{file} does not exist" + (f"; trained are: {', '.join(known)}" if known else nothing))
 
 
 def trained(models: Path | str) -> list[str]:
     """Names `<experiment>/seed-<k>` of the models that a run's folder `models` has."""
     models = Path(models)
     return sorted(str(path.parent.relative_to(models)) for path in models.glob(f"*/seed-*/{CHECKPOINT}"))
-
-
-def check_device(device: str) -> None:
-    """Raise ReconstructionError for a device that this machine, or this build of torch, does not have."""
-    import torch
-
-    try:
-        torch.empty(0, device=device)
-    # torch's errors for a device it does not know, was built without, or can compute nothing on.
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        reason = str(error).strip().partition("\n")[0]
-        raise ReconstructionError(f"device {device!r} can't be used here ({reason}): use cpu") from None
 
 
 def check_format(path: Path) -> None:
@@ -398,33 +350,24 @@ def check_format(path: Path) -> None:
 
 
 def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
-    """The checkpoint of an experiment in a run's folder `models`: of a seed, or of the first that is trained.
-
-    Raises ReconstructionError, naming the models that the run has, if there is none.
-    """
+    """The checkpoint of an experiment in a run's folder `models`: of a seed, or of the first that is trained. Raises
+    ReconstructionError, naming the models that the run has, if there is none."""
     known = trained(models)
     seeds = [int(name.rpartition("-")[2]) for name in known if name.split("/")[0] == experiment]
     if seed is None and not seeds:
         hint = nearest(experiment, dict.fromkeys(name.split("/")[0] for name in known))
-        raise ReconstructionError(
-            f"no experiment {experiment!r} is trained in {models}; "
-            + (f"trained are: {', '.join(known)}{hint}" if known else f"nothing is: {rebuild_command(models, 'all')}")
-        )
+        others = f"trained are: {', '.join(known)}{hint}" if known else f"nothing is: {rebuild_command(models, 'all')}"
+        raise ReconstructionError(f"no experiment {experiment!r} is trained in {models}; {others}")
     return checkpoint(models / experiment / f"seed-{min(seeds) if seed is None else seed}")
 
 
 def of_object(
     record: ObjectRecord, experiment: Experiment, grasps: Sequence[int] | None = None, view: int = 0
 ) -> Inputs:
-    """The inputs of a model from an object of the dataset: image or None, grasp records, camera and silhouette of the
-    image or None.
-
-    record: of `palpate.Dataset`. experiment: the model's. grasps: numbers of the grasps, as many as the
-    model takes; the first ones by default. An occluded image is that of the first of them. view: number of
-    the view, for a model of single views, or of the camera.
-
-    Raises ReconstructionError for a grasp or view that the object does not have.
-    """
+    """The inputs of a model from an object of the dataset.
+    experiment: the model's. grasps: numbers of the grasps, as many as the model takes; the first ones by default. An
+    occluded image is that of the first of them. view: number of the view, for a model of single views, or of the
+    camera. Raises ReconstructionError for a grasp or view that the object does not have."""
     available = record.grasps if experiment.takes_grasps else []
     default = range(min(experiment.grasps, len(available)) if experiment.fewer_grasps else experiment.grasps)
     numbers = list(default if grasps is None else grasps)

@@ -1,9 +1,8 @@
 """Rings of surface points around each touch (section 5.3).
 
-A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x
-onto the true surface. Ring 1 lies within the sensor's own plane, ring r between the planes of r - 1 and r times its
-size. Points that meet no surface are omitted. Grid, rings and the number of points sampled on a prediction are those
-of the published evaluation (`calc_local_chamfer`).
+A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x onto the
+true surface. Ring 1 lies within the sensor's own plane, ring r between the planes of r - 1 and r times its size. Points
+that meet no surface are omitted. All numbers are those of the published evaluation (`calc_local_chamfer`).
 """
 
 import logging
@@ -53,10 +52,7 @@ class MeshSurface:
 
     def __init__(self, mesh: "Mesh", object_position: Sequence[float] = (0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
         """mesh: in its own frame, metres; object_position: (3,) of that frame's origin in the world; sensor: that the
-        rings are around.
-
-        Raises ValueError if no face has an area.
-        """
+        rings are around. Raises ValueError if no face has an area."""
         from palpate.surface.embree import RayMesh  # here: an evaluation needs neither embree nor trimesh
 
         self._mesh, self._plane, self._reach = RayMesh(mesh), plane(sensor.size), reach(sensor)
@@ -82,12 +78,10 @@ class MeshSurface:
 
 
 class CloudSurface:
-    """A point cloud that rings are projected onto, for runs that have no meshes: each point is a small disc,
-    as wide as the cloud is apart, that faces the sensor."""
+    """Points (n, 3) on a surface, world frame, metres, that rings are projected onto, for runs that have no meshes:
+    each is a small disc, as wide as the cloud is apart, that faces the sensor. Raises ValueError for fewer than 6."""
 
     def __init__(self, points: np.ndarray, sensor: Sensor = DIGIT):
-        """points: (n, 3) on the surface, world frame, metres; sensor: that the rings are around. Raises ValueError for
-        fewer than 6."""
         self._sensor = sensor
         self._points = np.asarray(points, dtype=float)
         if len(self._points) <= DISC_NEIGHBOURS:
@@ -127,10 +121,8 @@ def ring_points(
 def project_batch(
     touch: Path | str, surface: Callable[[str, Sensor], MeshSurface | CloudSurface]
 ) -> dict[str, np.ndarray]:
-    """The arrays of a batch's rings store: rings around every successful touch.
-
-    touch: the batch's touch store; surface: from an object's name and the sensor to what its rings are projected onto.
-    """
+    """The arrays of a batch's rings store: rings around every successful touch. touch: the batch's touch store;
+    surface: from an object's name and the sensor to what its rings are projected onto."""
     touches = store.read(touch, "object", "success", "position", "rotation")
     kind = Sensor.from_description(cast(Mapping[str, Any], store.open(touch).attributes["sensor"]))
     names, success = touches["object"], touches["success"]

@@ -1,9 +1,7 @@
 """Which grasp next: errors after each of some grasps that a strategy chooses one by one among those stored.
 
-A strategy gives each grasp a score, from those chosen so far; the next is the one with the largest. `random` takes them
-in a random order, `farthest` the one whose fingertips are farthest from those before, `uncertainty` the one where the
-posterior variance of the model's correction is largest, and `oracle` the one that leaves the least error. Where the
-fingertips of stored grasps are is known to all, what they touch to the oracle only.
+A strategy gives each grasp a score, from those chosen so far; the next has the largest (docs/evaluation.md).
+Where the fingertips of stored grasps are is known to all strategies, what they touch to the oracle only.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,6 +25,7 @@ MOST = 5  # grasps that are chosen
 
 Chosen = tuple[int, ...]
 Scores = Callable[[Chosen], np.ndarray]  # of the grasps chosen so far -> (g,), of every grasp
+Errors = Callable[[Sequence[Chosen]], Sequence[float]]
 
 
 def choose(scores: Scores, first: Chosen, count: int) -> Iterator[Chosen]:
@@ -62,7 +61,7 @@ def most_uncertain(sites: np.ndarray, correction: Correction) -> Scores:
     return scores
 
 
-def least_error(errors: Callable[[Sequence[Chosen]], Sequence[float]], grasps: int) -> Scores:
+def least_error(errors: Errors, grasps: int) -> Scores:
     """Scores of grasps by the error that each leaves beside those chosen."""
 
     def scores(chosen: Chosen) -> np.ndarray:
@@ -77,10 +76,8 @@ def least_error(errors: Callable[[Sequence[Chosen]], Sequence[float]], grasps: i
 def evaluate_selection(
     trained: Trained, data: ExperimentData, splits: Sequence[str], points: int = POINTS
 ) -> pd.DataFrame:
-    """Errors after 0 to 5 grasps of each strategy, for each object of some splits: `rows.SELECTION_COLUMNS`.
-
-    Only with an unoccluded image they begin with none. Raises EvaluationError for a model, or a run, of one grasp.
-    """
+    """Errors after 0 to 5 grasps of each strategy, for each object of some splits: `rows.SELECTION_COLUMNS`. Only with
+    an unoccluded image they begin with none. Raises EvaluationError for a model, or a run, of one grasp."""
     experiment, rows = trained.experiment, []
     count = min(MOST, experiment.grasps, data.grasps) if experiment.touch else 0
     if count < 2:
@@ -89,7 +86,7 @@ def evaluate_selection(
     for number in data.of_split(*splits):
         order = generator(trained.seed, data.objects[number], "selection").permutation(data.grasps)
         sites = data["charts"][number].mean(axis=2)[order]
-        errors = _Errors(trained, data, assemble, number, order, points)
+        errors = _errors_of(trained, data, assemble, number, order, points)
         strategies: dict[str, Scores] = {"random": lambda chosen: -np.arange(data.grasps), "farthest": farthest(sites)}
         if experiment.correction:
             strategies["uncertainty"] = most_uncertain(sites, experiment.correction)
@@ -100,27 +97,23 @@ def evaluate_selection(
     return pd.DataFrame(rows, columns=SELECTION_COLUMNS)
 
 
-class _Errors:
+def _errors_of(
+    trained: Trained, data: ExperimentData, assemble: Assembler, number: int, order: np.ndarray, points: int
+) -> Errors:
     """Chamfer distances (m^2 x 9000) of an object's predictions from choices of as many grasps, each measured once."""
+    cloud, known = torch.from_numpy(data["points"][number]).to(trained.device), dict[Chosen, float]()
+    tree = build_tree(cloud)
 
-    def __init__(
-        self, trained: Trained, data: ExperimentData, assemble: Assembler, number: int, order: np.ndarray, points: int
-    ):
-        self.trained, self.data, self.assemble, self.number = trained, data, assemble, number
-        self.order, self.points = order, points
-        self.known: dict[Chosen, float] = {}
-        self.cloud = torch.from_numpy(data["points"][number]).to(trained.device)
-        self.tree = build_tree(self.cloud)
-
-    def __call__(self, choices: Sequence[Chosen]) -> list[float]:
+    def errors(choices: Sequence[Chosen]) -> list[float]:
         # The order of choice changes nothing but the random points on a prediction.
-        ordered = list if self.trained.experiment.vision == "occluded" else sorted
-        grasps = [tuple(ordered(self.order[list(choice)].tolist())) for choice in choices]
-        new = list(dict.fromkeys(choice for choice in grasps if choice not in self.known))
+        ordered = list if trained.experiment.vision == "occluded" else sorted
+        grasps = [tuple(ordered(order[list(choice)].tolist())) for choice in choices]
+        new = list(dict.fromkeys(choice for choice in grasps if choice not in known))
         for part in (new[start : start + BATCH_SIZE] for start in range(0, len(new), BATCH_SIZE)):
-            samples = [Sample(self.number, choice) for choice in part]
-            for choice, predicted in zip(part, predict(self.trained, self.assemble, samples, self.data), strict=True):
-                vertices, faces = self.trained.model.mesh(predicted)
-                sampled = points_on(vertices, faces, self.points, self.data.objects[self.number])
-                self.known[choice] = score(sampled, self.cloud, self.tree).chamfer
-        return [self.known[choice] for choice in grasps]
+            samples = [Sample(number, choice) for choice in part]
+            for choice, predicted in zip(part, predict(trained, assemble, samples, data), strict=True):
+                sampled = points_on(*trained.model.mesh(predicted), points, data.objects[number])
+                known[choice] = score(sampled, cloud, tree).chamfer
+        return [known[choice] for choice in grasps]
+
+    return errors

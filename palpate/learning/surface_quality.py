@@ -1,15 +1,12 @@
-"""How smooth a predicted surface is: angles between faces, torn charts, and faces that lie across the true surface.
-
-Four numbers that distinguish crumpled charts, torn charts and spikes; of the vision charts, or the sphere:
+"""How smooth a predicted surface is: four numbers of the vision charts, or the sphere.
 
 - `bend`: mean angle in degrees between adjacent faces of a chart, 0 where it is flat (the angle that discrete shells
   resist: Grinspun et al. 2003, Discrete Shells). A sphere of the atlas's size and faces has 4.9.
 - `folded`: percent of these pairs whose angle is above 90 degrees: one of the two is turned over against the other.
-- `gap`: mean distance in mm between boundary vertices that were one point of the initial sphere: how far charts are
-  torn apart. 0 for the sphere.
+- `gap`: mean distance in mm between boundary vertices that were one point of the initial sphere; 0 for the sphere.
 - `across`: mean angle in degrees, weighted by area, between every fourth face and the true surface at the point nearest
-  to its centre; 0 where they are parallel, 57 for random faces. It is the angle of the normal consistency of Mescheder
-  et al. (2019, Occupancy Networks). True normals are `palpate.charts.plane_normals`; their sign is not used.
+  to its centre (normals: `plane_normals`, without sign); 0 where they are parallel, 57 for random faces. It is the
+  angle of the normal consistency of Mescheder et al. (2019, Occupancy Networks).
 """
 
 from functools import cache
@@ -47,10 +44,8 @@ class Topology(NamedTuple):
 @cache
 def topology(start: Start | None) -> Topology | None:
     """Of the vision charts, or of the closed sphere, by what a strategy deforms; None if it deforms neither."""
-    if start is None:
-        return None
-    if start == "sphere":
-        return topology_of(sphere()[1].numpy())
+    if start is None or start == "sphere":
+        return topology_of(sphere()[1].numpy()) if start else None
     atlas = vision_atlas()
     return topology_of(atlas.faces.numpy(), atlas.joined.numpy())
 
@@ -66,11 +61,8 @@ def topology_of(faces: np.ndarray, joined: np.ndarray | None = None) -> Topology
 
 
 def surface_quality(vertices: np.ndarray, surface: Topology | None, tree: cKDTree) -> Quality:
-    """The numbers of one prediction; nan without a surface.
-
-    vertices: (V, 3) metres, of which `surface` takes the first. tree: of the true points, in the same frame.
-    Faces without area have no direction and are left out.
-    """
+    """The numbers of one prediction; nan without a surface. vertices: (V, 3) metres, of which `surface` takes the
+    first. tree: of the true points, in the same frame. Faces without area have no direction and are left out."""
     if surface is None:
         return Quality(*[np.nan] * 4)
     vertices = np.asarray(vertices, dtype=float)

@@ -1,7 +1,7 @@
 """The grid of hyperparameters that the supplement tunes, and the settings of each of its points. No torch."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,8 @@ BLOCKS = 4  # of an image encoder, in the paper's models
 
 
 def grid(file: Path | str, name: str) -> list[dict[str, Any]]:
-    """The points of a grid of `config/tuning.yaml`, each a value of every one of `KEYS`.
-
-    Raises ConfigError if there is no such grid or it does not have these keys.
-    """
+    """The points of a grid of `config/tuning.yaml`, each a value of every one of `KEYS`. Raises ConfigError if there is
+    no such grid or it does not have these keys."""
     grids = yaml.safe_load(Path(file).read_text())
     if name not in grids:
         raise ConfigError(f"config tuning.grid: no grid {name!r} in {file}; known: {', '.join(grids)}")
@@ -32,9 +30,7 @@ def grid(file: Path | str, name: str) -> list[dict[str, Any]]:
 
 def layers_of_blocks(count: int) -> list[int]:
     """Convolutions in each of the paper's four blocks; the last has the remainder (18: 5, 5, 5, 3; 12: 3, 3, 3, 3).
-
-    Raises ConfigError if the last block would be empty.
-    """
+    Raises ConfigError if the last block would be empty."""
     most = -(-count // BLOCKS)
     layers = [most] * (BLOCKS - 1) + [count - (BLOCKS - 1) * most]
     if layers[-1] < 1:
@@ -45,20 +41,11 @@ def layers_of_blocks(count: int) -> list[int]:
 def point_settings(
     settings: ReconstructionSettings, point: Mapping[str, Any], steps: int | None
 ) -> ReconstructionSettings:
-    """The settings of one training of the grid: those of the experiment, with some layers and the rate of a point.
-
-    Maps are pooled after the last three blocks, as in the paper's tables. steps: replaces those of the settings, unless
-    None.
-    """
+    """The settings of one training of the grid: those of the experiment, with some layers and the rate of a point. Maps
+    are pooled after the last three blocks, as in the paper's tables. steps: replaces those of the settings, unless
+    None."""
     layers, old = layers_of_blocks(point["cnn_layers"]), settings.architecture
     encoder = replace(required(old.encoder, "encoder"), layers=layers, pool=list(itertools.accumulate(layers))[1:])
     gcn = replace(required(old.gcn, "gcn"), layers=point["gcn_layers"], width=point["width"])
     architecture = replace(old, encoder=encoder, gcn=gcn)
     return replace(settings, architecture=architecture, rate=point["rate"], steps=steps or settings.steps)
-
-
-def summary(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of the table: a point, with columns of its `training.json`; the lowest validation loss first."""
-    columns = ("validation_loss", "best_step", "steps", "seconds", "parameters")
-    rows = [{**point, **{key: summary[key] for key in columns}} for point, summary in zip(points, trained, strict=True)]
-    return sorted(rows, key=lambda row: row["validation_loss"])

@@ -34,9 +34,7 @@ def read_surface(
     root: Path | str, entry: ReleasedObject, count: int, generator: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """The record of the surface store: `points` (count, 3) in the world, m, of which `generator` draws, in their order.
-
-    Raises UnusableObject if there are fewer, or not finite ones.
-    """
+    Raises UnusableObject if there are fewer, or not finite ones."""
     path = entry.surface(root)
     points = _floats(path, "points", load_plain(path), (None, 3))
     if len(points) < count:
@@ -47,21 +45,10 @@ def read_surface(
 
 
 def read_touch(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
-    """The record of the touch store, of the first `grasps` grasps; a sensor without points is unsuccessful.
-
-    `depth` is made from the points, each on the sensor's grid: theirs may be from another plane. Raises UnusableObject,
-    naming file and field, if a scene is missing or invalid.
-    """
-    sensed = [_sensor(path, sensor, scene) for path, scene in _scenes(root, entry, grasps) for sensor in range(SENSORS)]
-    return {
-        name: np.stack([touch[name] for touch in sensed]).reshape(grasps, SENSORS, *sensed[0][name].shape)
-        for name in sensed[0]
-    }
-
-
-def _scenes(root: Path | str, entry: ReleasedObject, grasps: int) -> list[tuple[Path, dict[str, Any]]]:
-    """The files of the first `grasps` grasps, with what they hold."""
-    scenes = []
+    """The record of the touch store, of the first `grasps` grasps; a sensor without points is unsuccessful. `depth` is
+    made from the points, each on the sensor's grid: theirs may be from another plane. Raises UnusableObject, naming
+    file and field, if a scene is missing or invalid."""
+    sensed = []
     for grasp in range(grasps):
         path = entry.scene(root, grasp)
         if not path.is_file():
@@ -70,8 +57,11 @@ def _scenes(root: Path | str, entry: ReleasedObject, grasps: int) -> list[tuple[
         missing = [key for key in SCENE if key not in scene] if isinstance(scene, dict) else list(SCENE)
         if missing:
             raise UnusableObject(f"{path}: no {', '.join(missing)} in it: expected a dictionary with {SCENE}")
-        scenes.append((path, scene))
-    return scenes
+        sensed += [_sensor(path, sensor, scene) for sensor in range(SENSORS)]
+    return {
+        name: np.stack([touch[name] for touch in sensed]).reshape(grasps, SENSORS, *sensed[0][name].shape)
+        for name in sensed[0]
+    }
 
 
 def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -108,11 +98,9 @@ def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndar
 
 
 def _pixel(along: np.ndarray) -> np.ndarray:
-    """Rows or columns (k,) of points from their coordinate along the sensor plane, m.
-
-    It is not documented whether points are at pixels' centres (as here) or corners (as in the authors' network): their
-    circular mean within a pixel shows it.
-    """
+    """Rows or columns (k,) of points from their coordinate along the sensor plane, m. It is not documented whether
+    points are at pixels' centres (as here) or corners (as in the authors' network): their circular mean within a pixel
+    shows it."""
     place = along / SENSOR_WIDTH * RESOLUTION + RESOLUTION / 2
     turn = np.angle(np.exp(2j * np.pi * place).mean()) / (2 * np.pi)  # in [-0.5, 0.5]
     within = turn if turn >= -0.25 else turn + 1
@@ -151,12 +139,10 @@ def read_empty_reading(root: Path | str) -> np.ndarray:
 
 
 def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.ndarray) -> tuple[float, float]:
-    """Agreement of the readings of a touch record with its depths, as they are and transposed; nan without touches.
-
-    The share of pixels that differ from the empty reading where something is in range, and equal it elsewhere. The
-    release does not document the axes of a gel's image: if the second number is larger over many objects, they are
-    exchanged.
-    """
+    """Agreement of the readings of a touch record with its depths, as they are and transposed; nan without touches. The
+    share of pixels that differ from the empty reading where something is in range, and equal it elsewhere. The release
+    does not document the axes of a gel's image: if the second number is larger over many objects, they are
+    exchanged."""
     touched = touch["success"]
     if not touched.any():
         return float("nan"), float("nan")
@@ -166,10 +152,8 @@ def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.nda
 
 
 def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int) -> dict[str, np.ndarray]:
-    """The record of the vision store: images (size, size, 3) uint8 of the paper's camera; no masks, no depths.
-
-    Images are resized as by the authors' loader, and put over white. Raises UnusableObject, naming an unreadable file.
-    """
+    """The record of the vision store: images (size, size, 3) uint8 of the paper's camera; no masks, no depths. Images
+    are resized as by the authors' loader, and put over white. Raises UnusableObject, naming an unreadable file."""
     return {
         "unoccluded": _image(entry.image(root), size)[None],
         "occluded": np.stack([_image(entry.image(root, grasp), size) for grasp in range(grasps)])[:, None],

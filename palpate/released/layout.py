@@ -23,8 +23,7 @@ from palpate.released.pickles import load_plain
 log = logging.getLogger(__name__)
 
 SPLITS = {"train": "train", "valid": "validation", "test": "test"}  # their names and ours
-EMPTY_READING = "empty_gel.npy"
-SURFACES, IMAGES, SCENES = "surfaces", "images", "scene_info"
+EMPTY_READING, SURFACES, IMAGES, SCENES = "empty_gel.npy", "surfaces", "images", "scene_info"
 
 
 class ReleasedObject(NamedTuple):
@@ -45,27 +44,22 @@ class ReleasedObject(NamedTuple):
         return cls(Path(source).parent.name, Path(source).stem)
 
     def surface(self, root: Path | str) -> Path:
-        """Its surface's file."""
         return Path(root) / self.source
 
     def image(self, root: Path | str, grasp: int | None = None) -> Path:
         """Image of a grasp, or of the object alone."""
-        return self._folder(root, IMAGES) / ("unoccluded.png" if grasp is None else f"{grasp}.png")
+        name = "unoccluded.png" if grasp is None else f"{grasp}.png"
+        return Path(root, IMAGES, self.class_name, self.name, name)
 
     def scene(self, root: Path | str, grasp: int) -> Path:
         """What the sensors of a grasp sensed."""
-        return self._folder(root, SCENES) / f"{grasp}.npy"
-
-    def _folder(self, root: Path | str, kind: str) -> Path:
-        return Path(root, kind, self.class_name, self.name)
+        return Path(root, SCENES, self.class_name, self.name, f"{grasp}.npy")
 
 
 def read_released(root: Path | str) -> list[ReleasedObject]:
-    """The objects of a released dataset that have surface, images, scene info and a split; by class and name.
-
-    Others are omitted, as in the authors' loaders, and named in a warning. Raises UnusableObject, naming file and
-    remedy, if a folder or `split.npy` is missing, or `split.npy` is invalid.
-    """
+    """The objects of a released dataset that have surface, images, scene info and a split; by class and name. Others
+    are omitted, as in the authors' loaders, and named in a warning. Raises UnusableObject, naming file and remedy, if a
+    folder or `split.npy` is missing, or `split.npy` is invalid."""
     root = Path(root)
     for folder in (SURFACES, IMAGES, SCENES):
         if not (root / folder).is_dir():
@@ -74,8 +68,7 @@ def read_released(root: Path | str) -> list[ReleasedObject]:
                 f" {SCENES} and split.npy"
             )
     splits = read_splits(root / "split.npy")
-    complete: list[ReleasedObject] = []
-    without: list[str] = []
+    complete, without = [], []
     for class_name in subfolders(root / IMAGES):
         for name in subfolders(root / IMAGES / class_name):
             released = ReleasedObject(class_name, name, splits.get(name + class_name, ""))
@@ -84,8 +77,8 @@ def read_released(root: Path | str) -> list[ReleasedObject]:
             else:
                 without.append(f"{class_name}/{name}")
     if without:
-        named = ", ".join(without[:10])
-        log.warning("%s: %d objects without surface, scene info or split: %s", root, len(without), named)
+        what = "objects without surface, scene info or split"
+        log.warning("%s: %d %s: %s", root, len(without), what, ", ".join(without[:10]))
     return complete
 
 

@@ -22,11 +22,9 @@ class UnsafePickle(UnusableObject):
 
 
 def load_plain(path: Path | str) -> Any:
-    """What `np.load(path, allow_pickle=True)` gives if it is harmless; the element of an array without axes.
-
-    Raises `UnsafePickle` if the file asks for anything but arrays, numbers, strings and plain containers, and
-    `UnusableObject` if it is missing or can't be read; the messages name the file.
-    """
+    """What `np.load(path, allow_pickle=True)` gives if it is harmless; the element of an array without axes. Raises
+    `UnsafePickle` if the file asks for anything but arrays, numbers, strings and plain containers, and `UnusableObject`
+    if it is missing or can't be read; the messages name the file."""
     path = Path(path)
     try:
         with path.open("rb") as file:
@@ -34,14 +32,11 @@ def load_plain(path: Path | str) -> Any:
     except FileNotFoundError:
         raise UnusableObject(f"{path}: no such file") from None
     except _Refused as refused:
-        raise UnsafePickle(
-            f"{path}: asks for {refused}, which is refused, for a pickle can run any code: expected numpy"
-            " arrays, numbers, strings and plain containers only"
-        ) from None
+        expected = "for a pickle can run any code: expected numpy arrays, numbers, strings and plain containers only"
+        raise UnsafePickle(f"{path}: asks for {refused}, which is refused, {expected}") from None
     except Exception as error:  # a damaged pickle makes the reader trip over anything, also MemoryError
-        raise UnusableObject(
-            f"{path}: can't be read as .npy ({type(error).__name__}: {error}): unpack it again"
-        ) from None
+        problem = f"{type(error).__name__}: {error}"
+        raise UnusableObject(f"{path}: can't be read as .npy ({problem}): unpack it again") from None
 
 
 class _Refused(Exception):
@@ -59,7 +54,8 @@ def _load(file: io.BufferedIOBase) -> Any:
         file.seek(0)
         array = np.load(file, allow_pickle=False)
     else:
-        array = np.asarray(_plain(_Reader(file).load()))
+        # The encoding is of Python 2's strings, which held arrays' bytes.
+        array = np.asarray(_plain(_Reader(file, encoding="latin1").load()))
         if array.shape != shape:
             raise ValueError(f"shape {shape} in the header, {array.shape} in the pickle")
     return array.item() if array.shape == () else array
@@ -67,9 +63,6 @@ def _load(file: io.BufferedIOBase) -> Any:
 
 class _Reader(pickle.Unpickler):
     """A pickle machine that knows the names of `_STAND_INS` and nothing else."""
-
-    def __init__(self, file: io.BufferedIOBase):
-        super().__init__(file, encoding="latin1")  # of Python 2's strings, which held arrays' bytes
 
     def find_class(self, module: str, name: str) -> Any:
         """The stand-in for a name in a pickle. Raises `_Refused` for any other."""

@@ -1,5 +1,2 @@
 """Results of a run: tables and figures of its dataset and its models, and the verdict on each of the paper's claims.
-
-Each module is imported by its own name. pandas, matplotlib, torch and Blender are imported in functions: the workflow's
-start imports all modules, for what they declare (`products`).
-"""
+pandas, matplotlib, torch and Blender are imported in functions: the workflow's start imports all modules."""

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, cast
 from palpate.architectures import PAPER_ARCHITECTURES
 from palpate.camera import IMAGE_SIZE
 from palpate.experiments import Experiment
-from palpate.results import products, published
-from palpate.touch.sensor import RESOLUTION
+from palpate.results import products
+from palpate.results.published import paper_rows
+from palpate.touch.reading import RESOLUTION
 from palpate.vision.views import SIZE as VIEW_SIZE
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from palpate.models.touch_depth import TouchDepth
 
 FIELDS = ["input", "operation", "shape"]
-VERTICES = "Vertex Input"
 WORDS = {"BatchNorm2d": "BN", "GroupNorm": "IN", "ReLU": "ReLU", "Linear": "Linear"}  # by the type of a layer
 # Names of convolutions and poolings, and the stride that goes without saying.
 STRIDED = {"Conv2d": ("Conv", 1), "ConvTranspose2d": ("DeConv", 2), "MaxPool2d": ("MaxPooling", 2)}
@@ -60,25 +60,19 @@ class Listing:
 
 def read_layers(module: Reconstruction | TouchDepth, image: Tensor | None = None) -> list[dict[str, str]]:
     """The layers of a module in the order in which they run: rows of index, input, operation, shape.
-
     image: (1, 3, H, W) that they are run on. The wording is that of the supplement's tables. `index` counts from 1; two
-    rows before name the inputs, `image` and `vertices`. Shapes are a sample's: C x H x W, or |V| x C.
-    """
+    rows before name the inputs, `image` and `vertices`. Shapes are a sample's: C x H x W, or |V| x C."""
     import torch
 
     from palpate.models.touch_depth import TouchDepth
 
     listing = Listing()
     with torch.no_grad():
-        if isinstance(module, TouchDepth):
-            _unet_layers(module, image, listing)
-        else:
-            _reconstruction_layers(module, image, listing)
+        (_unet_layers if isinstance(module, TouchDepth) else _reconstruction_layers)(module, image, listing)
     return sorted(listing.rows, key=lambda row: row["index"].isdigit())
 
 
-def _unet_layers(model: Any, reading: Any, listing: Listing) -> None:
-    """Those of a `TouchDepth`; of its layers PyTorch declares no types."""
+def _unet_layers(model: Any, reading: Any, listing: Listing) -> None:  # PyTorch declares no types of its layers
     import torch
 
     x = listing.add("Input", reading.shape[1:], index="image"), reading
@@ -96,8 +90,7 @@ def _unet_layers(model: Any, reading: Any, listing: Listing) -> None:
 
 
 def _reconstruction_layers(model: Any, image: Tensor | None, listing: Listing) -> None:
-    """Those of a `Reconstruction`."""
-    own = source = VERTICES
+    own = source = "Vertex Input"
     channels = model.gcn.layers[0].weight.shape[0]
     if image is not None:
         x, maps = (listing.add("Image Input", image.shape[1:], index="image"), image), []
@@ -110,7 +103,7 @@ def _reconstruction_layers(model: Any, image: Tensor | None, listing: Listing) -
         if model.project:
             features = model.project[0].out_features
             source = listing.add(operation(model.project), features, source)
-    listing.add(VERTICES, channels, index="vertices")
+    listing.add(own, channels, index="vertices")
     if image is not None:
         source = listing.add("Concatenate", features + channels, source, own)
     for layer in model.gcn.layers:
@@ -118,18 +111,14 @@ def _reconstruction_layers(model: Any, image: Tensor | None, listing: Listing) -
 
 
 def compare(model: str, rows: list[dict[str, str]]) -> DataFrame:
-    """The paper's table of a model beside the rows read off a live module, a verdict for each.
-
-    Columns: index; input, operation, shape, of the module and (`_paper`) of the paper; `verdict`: `agrees`,
-    `contradiction` (the paper contradicts itself: `note` says how, and the module is as it says), or
-    `differs`. `attrs["note"]` counts them.
-    """
+    """The paper's table of a model beside the rows read off a live module, a verdict for each. Columns: index; input,
+    operation, shape, of the module and (`_paper`) of the paper; `verdict`: `agrees`, `contradiction` (the paper
+    contradicts itself: `note` says how, and the module is as it says), or `differs`. `attrs["note"]` counts them."""
     from pandas import DataFrame
 
-    paper, known, live = (
-        {row["index"]: row for row in listed}
-        for listed in (paper_rows("architectures", model), paper_rows("contradictions", model), rows)
-    )
+    files = ("architectures", "contradictions")  # in the supplement's table "..." is written out
+    papers = [[row for row in paper_rows(file) if row["model"] == model] for file in files]
+    paper, known, live = ({row["index"]: row for row in listed} for listed in (*papers, rows))
     table = []
     for index in dict.fromkeys([*paper, *live]):
         published, measured, remark = (listed.get(index, {}) for listed in (paper, live, known))
@@ -160,29 +149,19 @@ def architecture(model: str) -> DataFrame:
 
     model: "touch_depth" (the U-Net) or a name in `PAPER_ARCHITECTURES`.
     """
+    import torch
+
     from palpate.models.reconstruction import Reconstruction
     from palpate.models.touch_depth import TouchDepth
 
     if model == "touch_depth":
-        return compare(model, read_layers(TouchDepth().eval(), _image(RESOLUTION)))
+        return compare(model, read_layers(TouchDepth().eval(), torch.rand(1, 3, RESOLUTION, RESOLUTION)))
     layers = PAPER_ARCHITECTURES[model]
     vision = "occluded" if layers.encoder else "none"
     module = Reconstruction(Experiment(model, "charts", vision, "touch" in model, 1), layers).eval()
     size = VIEW_SIZE if model == "single_image" else IMAGE_SIZE
-    return compare(model, read_layers(module, _image(size) if layers.encoder else None))
+    return compare(model, read_layers(module, torch.rand(1, 3, size, size) if layers.encoder else None))
 
 
-def _image(size: int) -> Tensor:
-    import torch
-
-    return torch.rand(1, 3, size, size, generator=torch.Generator().manual_seed(0))
-
-
-def paper_rows(file: str, model: str) -> list[dict[str, str]]:
-    """A model's rows of `architectures` (the supplement's table, "..." written out) or of `contradictions`."""
-    return [row for row in published.paper_rows(file) if row["model"] == model]
-
-
-def _same(one: Mapping[str, str], other: Mapping[str, str]) -> bool:
-    """Whether two rows are equal but for the order of their inputs."""
+def _same(one: Mapping[str, str], other: Mapping[str, str]) -> bool:  # but for the order of inputs
     return all(sorted(one[field].split()) == sorted(other[field].split()) for field in FIELDS)

@@ -1,8 +1,7 @@
 """Averages over classes with bootstrap intervals over objects and seeds, and of what is computed from them.
 
-An experiment's errors are an array (k seeds, n objects). Its average is the mean over classes of the mean
-over a class's objects (and over seeds), as in the paper's tables. Experiments are measured on the same objects and
-trained with the same seeds, so that a difference is paired by both: what makes an object hard cancels.
+An experiment's errors are an array (k seeds, n objects). Its average is the mean over classes of the mean over a
+class's objects (and over seeds), as in the paper's tables. A difference is paired by objects and seeds.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,9 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-LEVEL = 0.95
 RESAMPLES = 2000
-SEED = 0
 STEP = 1e-4  # of the means, relative, for the slope of a statistic
 # A variance between two or three seeds is often far too small by chance. Welch and Satterthwaite's degrees of freedom
 # are then those of the many objects. So it counts 1 + 8 / f^2 times in them, f being its own degrees. Intervals then
@@ -30,7 +27,6 @@ class Estimate(NamedTuple):
     high: float
 
     def within(self, least: float, most: float = np.inf) -> "Estimate":
-        """The same number, its interval clipped to the range of possible values."""
         return self._replace(low=float(np.clip(self.low, least, most)), high=float(np.clip(self.high, least, most)))
 
     def columns(self, label: str, scale: float = 1.0) -> dict[str, float]:
@@ -38,14 +34,9 @@ class Estimate(NamedTuple):
         return {label: scale * self.value, f"{label}_low": scale * self.low, f"{label}_high": scale * self.high}
 
     def sign(self, spread: float = np.nan) -> int:
-        """-1 or 1 if the number is a finding, 0 if it is undecided.
-
-        It is a finding if its interval excludes 0 and it is larger than `spread`, how far two seeds differ in it (nan:
-        not known).
-        """
-        if abs(self.value) <= spread:
-            return 0
-        return int(self.low > 0) - int(self.high < 0)
+        """-1 or 1 if the number is a finding: if its interval excludes 0 and it is larger than `spread`, how far two
+        seeds differ in it (nan: not known). Else 0: it is undecided."""
+        return 0 if abs(self.value) <= spread else int(self.low > 0) - int(self.high < 0)
 
 
 def _first(means: np.ndarray) -> np.ndarray:
@@ -57,15 +48,12 @@ def interval(
     classes: np.ndarray,
     statistic: Statistic = _first,
     resamples: int = RESAMPLES,
-    seed: int = SEED,
+    seed: int = 0,
 ) -> Estimate:
-    """A statistic of the experiments' averages, with its bootstrap interval.
-
-    Args:
-        values: one (k, n) array an experiment: its error with each of k seeds, the same and in the same order for all
-            experiments, for each of n objects. One of a single seed, (1, n), is the same for every seed.
-        classes: (n,) class of each object.
-        statistic: from averages (..., experiments) to numbers (...); by default the first one's average.
+    """A statistic of the experiments' averages, by default the first one's, with its bootstrap interval.
+    values: one (k, n) array an experiment: its error with each of k seeds, the same and in the same order for all
+    experiments, for each of n objects. One of a single seed, (1, n), is the same for every seed.
+    classes: (n,) class of each object.
 
     The pigeonhole bootstrap (Owen 2007, section 3): objects are drawn within their class and seeds apart from them,
     both the same for all experiments. For a difference y_so = m + a_s + b_o + e_so of seed s and object o its variance
@@ -73,20 +61,20 @@ def interval(
     Of n objects (or k seeds) n - 1 are drawn, so that the variance of a mean of few is unbiased (McCarthy and Snowden
     1985). The interval is Student's on the bootstrap's standard error (Efron and Tibshirani 1993, section 12.2), with
     Welch's and Satterthwaite's degrees of freedom (see `SEEDS_WEIGHT`). With one seed it is over objects only. A class
-    with one object shows no spread, and the interval is (nan, nan).
-
-    Raises ValueError if the arrays do not fit each other, hold no object, or are not finite.
-    """
+    with one object shows no spread, and the interval is (nan, nan). Raises ValueError if the arrays do not fit each
+    other, hold no object, or are not finite."""
     from scipy.special import stdtrit
 
     values, classes = _checked(values, classes)
     means = np.array([_class_weights(classes) @ array.mean(axis=0) for array in values])
     value = float(statistic(means))
-    freedom = _degrees_of_freedom(values, classes, _slopes(statistic, means))
+    step = np.diag(STEP * np.maximum(np.abs(means), 1e-12))
+    slopes = (statistic(means + step) - statistic(means - step)) / (2 * np.diag(step))
+    freedom = _degrees_of_freedom(values, classes, slopes)
     if np.isnan(freedom):
         return Estimate(value, np.nan, np.nan)
     replicates = statistic(_replicates(values, classes, resamples, np.random.default_rng(seed)))
-    half = float(stdtrit(freedom, (1 + LEVEL) / 2) * np.nanstd(replicates, ddof=1))
+    half = float(stdtrit(freedom, (1 + 0.95) / 2) * np.nanstd(replicates, ddof=1))
     return Estimate(value, value - half, value + half)
 
 
@@ -104,23 +92,18 @@ def between_seeds(values: Sequence[np.ndarray], classes: np.ndarray, statistic: 
 
 def ratio_interval(numerator: np.ndarray, denominator: np.ndarray, classes: np.ndarray) -> Estimate:
     """sum(numerator) / sum(denominator) over objects of all classes, with the interval of `interval`.
-
-    numerator, denominator: (n,), one entry an object, for example its successful touches and its touches.
-    classes: (n,) class of each object. An object counts by its denominator here, not by the size of its class.
-    The value is nan where the denominator is zero. The interval is (nan, nan) there too, where a class has a
-    single object, and where no object differs: none of 80 objects does not mean none of all.
-    Raises ValueError if the arrays do not fit each other or are not finite.
-    """
+    numerator, denominator, classes: (n,), one entry an object, for example its successful touches and its touches. An
+    object counts by its denominator here, not by the size of its class. The value is nan where the denominator is zero.
+    The interval is (nan, nan) there too, where a class has a single object, and where no object differs: none of 80
+    objects does not mean none of all. Raises ValueError as `interval` does."""
     numerator, denominator = np.asarray(numerator, float), np.asarray(denominator, float)
-    total = denominator.sum()
-    if total == 0:
+    if denominator.sum() == 0:
         return Estimate(np.nan, np.nan, np.nan)
     # `interval` averages over classes; weighed by their sizes, its averages are sums over all objects.
     _, index, counts = np.unique(classes, return_inverse=True, return_counts=True)
     _, low, high = interval([numerator * counts[index], denominator * counts[index]], classes, _ratio)
-    if not low < high:
-        low = high = np.nan
-    return Estimate(float(numerator.sum() / total), low, high)
+    value = float(numerator.sum() / denominator.sum())
+    return Estimate(value, low, high) if low < high else Estimate(value, np.nan, np.nan)
 
 
 def _ratio(means: np.ndarray) -> np.ndarray:
@@ -168,12 +151,6 @@ def _drawn(count: int, resamples: int, rng: np.random.Generator) -> np.ndarray:
     if count == 1:
         return np.ones((resamples, 1))
     return rng.multinomial(count - 1, np.full(count, 1 / count), size=resamples) / (count - 1)
-
-
-def _slopes(statistic: Statistic, means: np.ndarray) -> np.ndarray:
-    """(experiments,) derivatives of the statistic at the averages, by central differences."""
-    step = np.diag(STEP * np.maximum(np.abs(means), 1e-12))
-    return (statistic(means + step) - statistic(means - step)) / (2 * np.diag(step))
 
 
 def _degrees_of_freedom(values: Sequence[np.ndarray], classes: np.ndarray, slopes: np.ndarray) -> float:

@@ -1,8 +1,5 @@
 """Figures of a run's dataset: one data point and sheets of examples, which show what is stored; steps and closing of a
-grasp, which Blender renders.
-
-A dataset, or a class, without objects gives a figure that says so.
-"""
+grasp, which Blender renders. Without objects a figure says so."""
 
 from __future__ import annotations
 
@@ -58,10 +55,7 @@ STEPS = (
 def data_point(dataset: Dataset, path: Path | str) -> None:
     """One data point: the camera's image of the object alone, and of the object in the hand; what the touch sensors
     read (faded where a sensor touched nothing); and the touched points on the object, in the colours of their readings
-    (faint where the object hides them from the camera).
-
-    The grasp is the one that `example_grasp` picks.
-    """
+    (faint where the object hides them from the camera)."""
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
@@ -74,24 +68,19 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
     (faded where a sensor touched nothing), and the touched points on the object, in the colours of their readings
     (faint where the object hides them from the camera).
 
-    A row an object, each with another of its grasps: the first object's first, the second's second, ...
-    """
+    A row an object, each with another of its grasps: the first object's first, the second's second, ..."""
     objects = dataset.of_class(class_name).objects if class_name in dataset.classes else []
     if not objects:
         return save_sentence(f"No usable object of class {class_name} in this run", path)
     chosen = [dataset[objects[number]].grasps for number in _evenly(len(objects), EXAMPLES)]
-    grasps = [of_object[row % len(of_object)] for row, of_object in enumerate(chosen)]
-    save(_sheet(grasps), path)
+    save(_sheet([of_object[row % len(of_object)] for row, of_object in enumerate(chosen)]), path)
 
 
 @products.figure(stores=("dataset",), category="Dataset", simulated=True)
 def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
     """The steps of a grasp: the object; the hand, loaded open; its palm placed tangent to a random point of the
     surface, at a random distance and turned at random; its fingers, driven towards the surface by inverse kinematics,
-    stopped by contact. Steps 3 and 4 are a stored grasp, the same as the data point's.
-
-    threads: of the CPU, samples: a pixel, for the renderer.
-    """
+    stopped by contact. Steps 3 and 4 are a stored grasp, the same as the data point's."""
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
@@ -109,15 +98,13 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: i
     form="gif", stores=("surface", "grasps", "touch", "frames", "vision"), category="Dataset", simulated=True
 )
 def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 16) -> None:
-    """A closing hand, with what its sensors read, slowed down: frames of the grasp of the data point.
-
-    threads: of the CPU, samples: a pixel, for the renderer; a frame, which passes in a moment, gets a quarter of them.
-    """
+    """A closing hand, with what its sensors read, slowed down: frames of the grasp of the data point."""
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
     frames, pages = grasp.frames, []
     chosen = _evenly(len(frames.time), FRAMES)
+    # A frame, which passes in a moment, gets a quarter of the samples.
     _, *pictures = rendered(grasp, frames.link_pose[chosen], PIXELS, max(samples // 4, 1), threads)
     figure, ((picture, *readings),) = picture_grid(["0.00 s"], ("", *(grasp.sensors if frames.has_touch else ())))
     for number, image in zip(chosen, pictures, strict=True):
@@ -141,10 +128,8 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
 
 
 def rendered(grasp: GraspRecord, link_pose: np.ndarray, size: int, samples: int, threads: int) -> list[np.ndarray]:
-    """Pictures (size, size, 3) of a grasp's object, alone and with the hand in poses (n, L, 4, 4) of its links.
-
-    All are from one camera, which looks from where most of the hand in its last pose is in sight, and holds every pose.
-    """
+    """Pictures (size, size, 3) of a grasp's object, alone and with the hand in poses (n, L, 4, 4) of its links. All are
+    from one camera, which looks from where most of the hand in its last pose is in sight, and holds every pose."""
     hand, renderer = grasp.object.hand, vision.Renderer(samples, threads=threads, centres=False)
     drawn = [hand_points(hand, pose) for pose in link_pose]
     points, towards = np.concatenate([grasp.object.points, *drawn]), clear_view(grasp.object, drawn[-1])
@@ -172,8 +157,7 @@ def clear_view(record: ObjectRecord, points: np.ndarray) -> np.ndarray:
 
 
 def camera_holding(points: np.ndarray, towards: np.ndarray, size: int) -> Camera:
-    """A camera of `size` pixels that looks from direction `towards` (3,) at the middle of points (n, 3) and holds them
-    all."""
+    """A camera of `size` pixels, in direction `towards` (3,) from the middle of points (n, 3), that holds them all."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     camera = looking_at(middle, middle + DISTANCE * towards, size)
     reach = np.abs(camera.project(points)[0] - size / 2).max()
@@ -181,7 +165,6 @@ def camera_holding(points: np.ndarray, towards: np.ndarray, size: int) -> Camera
 
 
 def hand_points(hand: Hand, link_pose: np.ndarray) -> np.ndarray:
-    """(n, 3) vertices of the drawn hand in the world."""
     return np.concatenate([points for points, _ in posed_geoms(hand, link_pose)])
 
 
@@ -201,7 +184,7 @@ def _sheet(grasps: Sequence[GraspRecord]) -> Figure:
 def _draw_reading(axes: Axes, reading: np.ndarray, touched: bool, sensor: int) -> None:
     """A sensor's image, framed in the colour of its points; an untouched one is faded."""
     axes.imshow(reading, interpolation="antialiased", alpha=1 if touched else 0.4)
-    axes.spines[:].set(visible=touched, color=_site_colour(sensor), linewidth=2.2)
+    axes.spines[:].set(visible=touched, color=SITE_COLOURS[sensor % len(SITE_COLOURS)], linewidth=2.2)
 
 
 def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
@@ -215,17 +198,14 @@ def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
         pixels, depth = camera.project(grasp.points[sensor][::SITE_STRIDE])
         column, row = np.clip(np.nan_to_num(pixels).astype(int), 0, camera.size - 1).T
         behind = depth - alone.unoccluded_depth[row, column] > BEHIND * depth / camera.focal_length
-        colour = 1 - np.where(behind, HIDDEN, 1)[:, None] * (1 - np.array(to_rgb(_site_colour(sensor))))
+        full = np.array(to_rgb(SITE_COLOURS[sensor % len(SITE_COLOURS)]))
+        colour = 1 - np.where(behind, HIDDEN, 1)[:, None] * (1 - full)
         x, y = (pixels - 0.5).T  # the first pixel's centre is at 0
         axes.scatter(x, y, s=SITE_POINT**2, c=colour, linewidths=0)
     seen = np.argwhere(alone.unoccluded_mask)
     low, high = seen.min(axis=0), seen.max(axis=0)
     (row, column), reach = (low + high) / 2, MARGIN * (high - low).max() / 2
     axes.set(xlim=(column - reach, column + reach), ylim=(row + reach, row - reach))
-
-
-def _site_colour(sensor: int) -> str:
-    return SITE_COLOURS[sensor % len(SITE_COLOURS)]
 
 
 def _evenly(count: int, most: int) -> np.ndarray:

@@ -1,13 +1,4 @@
-"""The dataset's tables. They are computed from three plain frames, which `dataset_frames` reads from a run:
-
-| frame | one row a | columns |
-|---|---|---|
-| objects | catalogued object | object, class, split |
-| rejected | rejected object | object, stage, reason |
-| grasps | grasp | object, class, successful_touches (0..s), touches (s), attempts |
-
-s is the number of the hand's sensors.
-"""
+"""The dataset's tables. They are computed from three plain frames, which `dataset_frames` reads from a run."""
 
 from __future__ import annotations
 
@@ -31,11 +22,11 @@ TOTAL = "total"
 
 
 class Frames(NamedTuple):
-    """The data of the tables; see the module's table."""
+    """The data of the tables. s: number of the hand's sensors."""
 
-    objects: DataFrame
-    rejected: DataFrame
-    grasps: DataFrame
+    objects: DataFrame  # a row a catalogued object: object, class, split
+    rejected: DataFrame  # a row a rejected object: object, stage, reason
+    grasps: DataFrame  # a row a grasp: object, class, successful_touches (0..s), touches (s), attempts
 
 
 def dataset_frames(run: Path | str) -> Frames:
@@ -66,8 +57,7 @@ def dataset_statistics(frames: Frames) -> DataFrame:
     `rejected` those that some stage could not use (`rejected.csv` has the reasons), `attempts` the mean number of
     grasps tried an object.
 
-    `objects` counts those with grasps. A class without grasps has zeros, and no percentage.
-    """
+    `objects` counts those with grasps. A class without grasps has zeros, and no percentage."""
     objects, rejected, grasps = frames
     published = paper_values("dataset_statistics").set_index(["class", "quantity"])["value"]
     rows = []
@@ -85,10 +75,9 @@ def dataset_statistics(frames: Frames) -> DataFrame:
             if quantity == "successful_percent":
                 row |= {"successful_low": 100 * successful.low, "successful_high": 100 * successful.high}
             row[f"{quantity}_paper"] = published.get((name, quantity), np.nan)
-        row["attempted"] = len(members)
-        row["rejected"] = int(members["object"].isin(rejected["object"]).sum())
-        row["attempts"] = by_object["attempts"].mean() if len(by_object) else np.nan
-        rows.append(row)
+        out = int(members["object"].isin(rejected["object"]).sum())
+        attempts = by_object["attempts"].mean() if len(by_object) else np.nan
+        rows.append(row | {"attempted": len(members), "rejected": out, "attempts": attempts})
     table = _table(rows, frames, percent="successful", other={"attempts": 1})
     if has_papers_classes(objects["class"]):
         table.attrs["note"] += (
@@ -102,8 +91,7 @@ def dataset_statistics(frames: Frames) -> DataFrame:
 @products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset")
 def grasp_success(frames: Frames) -> DataFrame:
     """Share of grasps with 0 to 4 successful touches, with a 95 % bootstrap interval over objects, and the paper's
-    shares over all classes (if the run has any of its classes). No grasp should have 0.
-    """
+    shares over all classes (if the run has any of its classes). No grasp should have 0."""
     from palpate.store.contract import SENSOR_NAMES
 
     objects, _, grasps = frames
@@ -124,8 +112,7 @@ def grasp_success(frames: Frames) -> DataFrame:
 def hold(dataset: Dataset) -> DataFrame:
     """Share of grasps whose hand keeps the object when it is let go, by class and by how many sensors touch: along all
     six directions of gravity, along some, and of all directions, with 95 % bootstrap intervals over objects. Grasps
-    that the engine could not simulate are in `not_simulated` only.
-    """
+    that the engine could not simulate are in `not_simulated` only."""
     import pandas as pd
 
     grasps = dataset.table()
@@ -157,8 +144,7 @@ def _classes(objects: DataFrame, grasps: DataFrame) -> Iterator[tuple[str, DataF
 
 def _by_object(grasps: DataFrame) -> DataFrame:
     """Numbers summed over each object's grasps; `attempts`, which belongs to the object, is not summed."""
-    numbers = grasps.select_dtypes(["number", "bool"]).columns
-    how = {column: "first" if column == "attempts" else "sum" for column in numbers}
+    how = {name: "first" if name == "attempts" else "sum" for name in grasps.select_dtypes(["number", "bool"])}
     return grasps.groupby("object", sort=False).agg({"class": "first", **how})
 
 
@@ -176,15 +162,11 @@ def _table(rows: list[dict[str, Any]], frames: Frames, percent: str, other: dict
     decimals = {column: 2 for column in table.columns if column.startswith(percent)} | (other or {})
     counts = [column for column in table.columns if column != "class" and column not in decimals]
     table = table.round(decimals).astype(dict.fromkeys(counts, "Int64"))
-    table.attrs["note"] = _size_note(frames.objects, frames.grasps)
-    return table
-
-
-def _size_note(objects: DataFrame, grasps: DataFrame) -> str:
-    """The size of this run's dataset, so that a small run is not mistaken for the paper's."""
-    number, classes = grasps["object"].nunique(), objects["class"].unique()
+    objects, classes = frames.grasps["object"].nunique(), frames.objects["class"].unique()
     papers = " (the paper: 1731 objects, 8655 grasps, 4 classes)" if has_papers_classes(classes) else ""
-    return (
-        f"This run: {number} objects, {len(grasps)} grasps, {len(classes)} classes{papers}. Intervals: 95 %, bootstrap "
-        "over objects, within classes for the total; none where a class has one object, or where no object differs."
+    table.attrs["note"] = (
+        f"This run: {objects} objects, {len(frames.grasps)} grasps, {len(classes)} classes{papers}. Intervals: 95 %, "
+        "bootstrap over objects, within classes for the total; none where a class has one object, or where no object "
+        "differs."
     )
+    return table

@@ -1,8 +1,7 @@
 """What touch, grasps, copying and communication change: differences of two experiments, with their verdicts.
 
-`paper/effects.csv` has a row a difference: what it shows, the experiment, and the one that it is compared with, each as
-a `published.Term`. For our methods those that take the place of the paper's are compared (`published.exchanged`).
-`docs/evaluation.md` says what a finding is.
+`paper/effects.csv` has a row a difference: what it shows, and two `published.Term`. For our methods those in the
+place of the paper's are compared (`published.exchanged`). `docs/evaluation.md` says what a finding is.
 """
 
 from __future__ import annotations
@@ -17,16 +16,14 @@ from palpate.methods import METHODS
 from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
-from palpate.results.claims import contrast
+from palpate.results.claims import STATISTICS
 from palpate.results.errors import AVERAGE, Errors, errors, ratio
 from palpate.results.published import effects, stated
 
 if TYPE_CHECKING:
     from pandas import DataFrame as Frame
 
-# The verdict by the sign of a finding, and what stands behind it where a single seed was trained.
-VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}
-ONE_SEED = " (one seed)"
+VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}  # by the sign of a finding
 
 
 @products.table(evaluations="effects", splits=("validation", "test"))
@@ -36,63 +33,51 @@ def touch_effect(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
     and `worse` are findings: the interval excludes 0, and two seeds differ by less. `percent abc`: as published by the
     authors for their models on ABC objects.
 
-    evaluations: rows of `rows.read`; differences are those whose experiments it has.
-
-    Columns: effect, method, experiment, compared_with, split, difference (the experiment's average less the other's)
-    with its interval and its median over objects, percent (of the other's) with its interval, the paper's and that of
-    ABC objects, between_seeds (how far two seeds differ in the difference), verdict (`better`: the experiment's error
-    is lower), objects, seeds, steps. Raises EvaluationError if experiments were measured on different objects or with
-    different seeds.
+    Differences are those whose experiments `evaluations` has. Columns: `difference`, the experiment's average less the
+    other's; `percent` of the other's, the paper's and that of ABC objects; `between_seeds`, how far two seeds differ in
+    the difference. Raises EvaluationError if experiments were measured on different objects or with different seeds.
     """
     rows, abc = [], stated("abc")
     for row, split, measured in _compared(evaluations):
         difference = _difference(measured, row, _stated(split, AVERAGE), abc, resamples)
-        rows.append(_named(row) | {"split": split} | difference)
+        rows.append(row["named"] | {"split": split} | difference)
     return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
 
 
 @products.table(evaluations="effects", splits=("validation", "test"))
 def touch_effect_by_class(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
     """What touch, more grasps, copying and communication change in each class. `error` and its median are those of the
-    experiment that is compared with.
-
-    Columns: those of `touch_effect`, and behind split: class, error and its median.
-    """
+    experiment that is compared with."""
     rows = []
     for row, split, whole in _compared(evaluations):
         for name in whole.class_names:
             measured, other = whole.of_class(name), [row["compared_with"]]
             known = {"class": name, "error": measured.values[other[0]].mean(), "error_median": measured.median(other)}
             difference = _difference(measured, row, _stated(split, name), {}, resamples)
-            rows.append(_named(row) | {"split": split, **known, **difference})
-    return _effects_table(
-        rows, evaluations, "`error` is that of what it is compared with. A difference is between averages of the class"
-    )
-
-
-def _named(row: dict[str, Any]) -> dict[str, str]:
-    """The columns that say what is compared; the method is the experiment's."""
-    names = {key: row[key] for key in ("experiment", "compared_with")}
-    return {"effect": row["effect"], "method": METHODS[row["method"]].label, **names}
+            rows.append(row["named"] | {"split": split, **known, **difference})
+    what = "`error` is that of what it is compared with. A difference is between averages of the class"
+    return _effects_table(rows, evaluations, what)
 
 
 def _compared(evaluations: Frame) -> Iterator[tuple[dict[str, Any], str, Errors]]:
-    """The differences whose experiments were measured, with each split and its errors."""
+    """The differences whose experiments were measured, with each split and its errors; `named`: the columns that say
+    what is compared."""
     chosen = effects(set(evaluations["experiment"]))
     names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
     by_split = {split: errors(evaluations, names, split) for split in SPLITS}
     for row in chosen:
+        named = {"effect": row["effect"], "method": METHODS[row["method"]].label}
+        named |= {key: row[key] for key in ("experiment", "compared_with")}
         for split, measured in by_split.items():
-            yield row, split, measured
+            yield row | {"named": named}, split, measured
 
 
 def _difference(
     measured: Errors, row: dict[str, Any], paper: dict[str, float], abc: dict[str, float], resamples: int
 ) -> dict[str, Any]:
-    """The columns of a difference of two experiments' averages, from `difference` on; `paper` has the paper's, `abc`
-    those of ABC objects."""
+    """The columns from `difference` on; `paper` has the paper's averages, `abc` those of ABC objects."""
     pair = row["experiment"], row["compared_with"]
-    (difference,) = contrast(1, -1)
+    (difference,) = STATISTICS["contrast"](1, -1)
     estimate = measured.estimate(pair, difference, resamples)
     percent = measured.estimate(pair, lambda means: 100 * (ratio(means) - 1), resamples)
     spread = measured.between_seeds(pair, difference)
@@ -102,10 +87,9 @@ def _difference(
         **estimate.columns("difference"),
         "difference_median": measured.median(pair, difference),
         **percent.columns("percent"),
-        "percent_paper": _percent(paper, row),
-        "percent_abc": _percent(abc, row),
+        **{f"percent_{name}": _percent(known, row) for name, known in {"paper": paper, "abc": abc}.items()},
         "between_seeds": spread,
-        "verdict": VERDICTS[sign] + (ONE_SEED if sign and sizes["seeds"] == 1 else ""),
+        "verdict": VERDICTS[sign] + (" (one seed)" if sign and sizes["seeds"] == 1 else ""),
         **sizes,
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,17 +18,12 @@ PAPER_CLASSES = ("bottle", "knife", "cellphone", "rifle")  # in its tables' orde
 
 
 class Errors(NamedTuple):
-    """Errors of some experiments on the objects of one split.
+    """Errors of some experiments on the n objects of one split."""
 
-    objects, classes: (n,) names. values: experiment -> (k, n), its error with each of its k seeds for each
-    object, the mean over the object's windows. steps: experiment -> training steps of its best seeds, least
-    and greatest.
-    """
-
-    objects: np.ndarray
+    objects: np.ndarray  # (n,) names, as are the classes
     classes: np.ndarray
-    values: dict[str, np.ndarray]
-    steps: dict[str, tuple[int, int]]
+    values: dict[str, np.ndarray]  # experiment -> (k, n): with each of k seeds, the mean over an object's windows
+    steps: dict[str, tuple[int, int]]  # experiment -> training steps of its best seeds, least and greatest
 
     @property
     def class_names(self) -> list[str]:
@@ -37,7 +32,6 @@ class Errors(NamedTuple):
         return [name for name in PAPER_CLASSES if name in names] + [name for name in names if name not in PAPER_CLASSES]
 
     def of_class(self, name: str) -> Errors:
-        """The errors on the objects of one class."""
         return self.select(self.classes == name)
 
     def select(self, chosen: np.ndarray) -> Errors:
@@ -74,25 +68,25 @@ def ratio(means: np.ndarray) -> np.ndarray:
     return means[..., 0] / means[..., 1]
 
 
-def errors(
-    frame: Frame, experiments: Sequence[str], split: str, column: str = "chamfer", key: str = "experiment"
-) -> Errors:
-    """The errors of experiments on one split, object by object.
-
-    Args:
-        frame: rows of `palpate.learning.rows.read`; `column` holds the error, `key` names the experiment.
-
-    Raises EvaluationError if an experiment has no rows, experiments were measured on different objects or trained with
-    different seeds, one was measured twice, or an error is not finite.
-    """
+def of_split(
+    frame: Frame, experiments: Iterable[str], split: str, key: str = "experiment", what: str = "evaluation"
+) -> Frame:
+    """The rows of some experiments on a split. Raises EvaluationError for one without."""
     frame = frame[frame["split"] == split]
     known = set(frame[key])
     for name in experiments:
         if name not in known:
-            raise EvaluationError(
-                f"no evaluation of experiment {name!r} on the {split} split; there are {sorted(known)}"
-            )
-    frame = frame[frame[key].isin(experiments)]
+            raise EvaluationError(f"no {what} of experiment {name!r} on the {split} split; there are {sorted(known)}")
+    return frame[frame[key].isin(experiments)]
+
+
+def errors(
+    frame: Frame, experiments: Sequence[str], split: str, column: str = "chamfer", key: str = "experiment"
+) -> Errors:
+    """The errors of experiments on one split, object by object. frame: rows of `palpate.learning.rows.read`; `column`
+    holds the error, `key` names the experiment. Raises EvaluationError if an experiment has no rows, experiments were
+    measured on different objects or trained with different seeds, one was measured twice, or an error is not finite."""
+    frame = of_split(frame, experiments, split, key)
     if not np.isfinite(frame[column]).all():
         bad = frame[~np.isfinite(frame[column])].iloc[0]
         raise EvaluationError(f"{bad[key]!r}, seed {bad['seed']}, {bad['object']}: {column} is {bad[column]}")

@@ -33,8 +33,8 @@ def check_sheet(hand: Hand, sensor: Sensor, pictures: Mapping[str, np.ndarray]) 
     rows = -(-len(pictures) // COLUMNS)
     height = HAND + ROW * rows
     figure = new_figure(WIDTH, height)
-    title = f"{hand.name}, open; {len(hand.sensor_names)} sensors {sensor.name}"
-    figure.suptitle(f"{title}\n{LEGEND}", fontsize=TITLE - 1, y=1 - 0.1 / height)
+    title = f"{hand.name}, open; {len(hand.sensor_names)} sensors {sensor.name}\n{LEGEND}"
+    figure.suptitle(title, fontsize=TITLE - 1, y=1 - 0.1 / height)
     for number, azimuth in enumerate(VIEWS):
         place = (number / len(VIEWS), ROW * rows / height, 1 / len(VIEWS), (HAND - 0.5) / height)
         panel: Any = figure.add_axes(place, projection="3d", computed_zorder=False)
@@ -52,9 +52,9 @@ def check_sheet(hand: Hand, sensor: Sensor, pictures: Mapping[str, np.ndarray]) 
 
 def posed_geoms(hand: Hand, link_pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Of each geom of a hand in a pose its vertices (n, 3) and triangles (f, 3, 3), in the frame of `link_pose`."""
-    geoms = zip(hand.geom_kind, hand.geom_size, hand.geom_vertices, hand.geom_faces, strict=True)
+    geoms = hand.geom_kind, hand.geom_size, hand.geom_vertices, hand.geom_faces, hand.geom_poses(link_pose)
     shapes = []
-    for geom, pose in zip(geoms, hand.geom_poses(link_pose), strict=True):
+    for *geom, pose in zip(*geoms, strict=True):
         points, faces, _ = triangles(*geom)
         points = points @ pose[:3, :3].T + pose[:3, 3]
         shapes.append((points, points[faces]))
@@ -62,7 +62,6 @@ def posed_geoms(hand: Hand, link_pose: np.ndarray) -> list[tuple[np.ndarray, np.
 
 
 def _draw_hand(axes: Axes3D, hand: Hand, sensor: Sensor) -> None:
-    """The open hand in the palm's frame, and every sensor's axes, gel and range."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     links = hand.forward(np.eye(4), hand.open_joint_positions)

@@ -1,18 +1,12 @@
 """The models' tables: measured averages with their intervals, the paper's values beside.
 
-Each function gives a DataFrame of numbers. A measured column `x` is followed by `x_low` and `x_high`, its 95 %
-interval; an error also by `x_median`, the median over objects; then `x_paper`, where the paper states it.
-`method` says whose a row is: the paper's, ours, or a look-up. `between_seeds` is how far two seeds of a row's model
-differ in its average; `weights` names the experiment whose trained model a row is, if it is another's. Columns that
-nothing stands in are left out. The frame's `attrs["note"]` describes the data behind its numbers;
-`palpate.results.tables` writes it.
+A measured column `x` is followed by `x_low` and `x_high`, its 95 % interval; an error also by `x_median`, the median
+over objects; then `x_paper`, where the paper states it. `method` says whose a row is: the paper's, ours, or a look-up.
+`between_seeds` is how far two seeds of a row's model differ in its average; `weights` names the experiment whose
+trained model a row is, if it is another's. Columns that nothing stands in are left out.
 
-Args that they share:
-    evaluations: rows of `rows.read`; rings: the same with `RING_COLUMNS`, touches: with `TOUCH_COLUMNS`.
-    experiments: those of the table by their names, in its order. split: that they are tested on.
-    resamples: of the bootstrap.
-
-They raise EvaluationError if an experiment is missing.
+evaluations: rows of `rows.read`; rings: the same with `RING_COLUMNS`, touches: with `TOUCH_COLUMNS`, selections: with
+`SELECTION_COLUMNS`. experiments: those of the table. The functions raise EvaluationError if one is missing.
 """
 
 from __future__ import annotations
@@ -23,12 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.experiments import Experiment
-from palpate.learning.rows import QUALITY, EvaluationError
-from palpate.learning.tuning import summary
+from palpate.learning.rows import QUALITY
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
-from palpate.results.errors import AVERAGE, Errors, errors, ratio
+from palpate.results.errors import AVERAGE, Errors, errors, of_split, ratio
 from palpate.results.published import has_papers_classes, paper_values, stated, without_paper
 
 if TYPE_CHECKING:
@@ -59,10 +52,7 @@ def model_selection(
     evaluations: Frame, experiments: Experiments, split: str = "validation", resamples: int = RESAMPLES
 ) -> Frame:
     """Model selection: Chamfer distance (9000 times m²) on the validation split, by class and on average, of the
-    paper's twelve models and of ours.
-
-    `row`: of the paper's table.
-    """
+    paper's twelve models and of ours."""
     number = paper_values("model_selection").drop_duplicates("experiment").set_index("experiment")["row"]
     table = _errors_by_class("model_selection", evaluations, experiments, split, resamples)
     table.insert(0, "row", table["experiment"].map(number).astype("Int64"))
@@ -75,8 +65,7 @@ def input_modalities(
 ) -> Frame:
     """Different input modalities: Chamfer distance (9000 times m²) of the paper's model and of ours on the test split,
     by class and on average; and the average on the validation split. Rows of other methods stand beside the paper's
-    value of the same inputs.
-    """
+    value of the same inputs."""
     import pandas as pd
 
     table = _errors_by_class("input_modalities", evaluations, experiments, split, resamples)
@@ -90,13 +79,8 @@ def input_modalities(
 
 @products.table(evaluations="grasps")
 def grasps(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
-    """More grasps: Chamfer distance (9000 times m²) of models that take 1 to 5 grasps, on the test split.
-
-    A row is a setup: experiments that differ in their number of grasps only.
-    """
-    measured = errors(evaluations, list(experiments), split)
-    published = stated("grasps")
-    rows = []
+    """More grasps: Chamfer distance (9000 times m²) of models that take 1 to 5 grasps, on the test split."""
+    measured, published, rows = errors(evaluations, list(experiments), split), stated("grasps"), []
     for (method, inputs), members in setups(experiments).items():
         row: dict[str, Any] = {"method": method, "input": inputs}
         for count, name in sorted(members.items()):
@@ -111,15 +95,11 @@ def extrapolation(rings: Frame, experiments: Experiments, split: str = "test", r
     """Around touch sites: mean squared distance from the true surface to the prediction, in square rings of 1 to 5
     times the sensor's size around each touch (ring r lies between r - 1 and r times); in m² as in the paper, and 9000
     times that. Charts without communication are copied into the mesh and change nothing else: what other rows with
-    touch have less than theirs is extrapolated.
-    """
-    measured = ring_errors(rings, list(experiments), split)
-    published = stated("extrapolation")
-    rows = []
+    touch have less than theirs is extrapolated."""
+    measured, published, rows = ring_errors(rings, list(experiments), split), stated("extrapolation"), []
     for unit, scale in (("m^2", 1.0), ("m^2 x 9000", CHAMFER_SCALE)):
         for name, experiment in experiments.items():
-            row: dict[str, Any] = {"method": experiment.method.label, "input": experiment.input_label}
-            row["unit"] = unit
+            row: dict[str, Any] = {"method": experiment.method.label, "input": experiment.input_label, "unit": unit}
             for ring in RINGS:
                 row |= error_columns(f"x{ring}", measured, ring_key(name, ring), resamples, scale)
                 row[f"x{ring}_paper"] = scale * published.get(ring_key(experiment.stated_as, ring), np.nan)
@@ -137,8 +117,7 @@ def single_image(
 ) -> Frame:
     """Reconstruction from single images, by Pixel2Mesh's protocol: Chamfer distance in thousandths, F1 at tau and 2 tau
     in percent. Networks in the manner of PSG, Pixel2Mesh and 3D-R2N2 were built from their publications. Rows marked as
-    cited are the paper's, which cites them; they were measured on other objects.
-    """
+    cited are the paper's, which cites them; they were measured on other objects."""
     columns = ("chamfer", "f1_tau", "f1_2tau")
     scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}
     measured, rows = scores["chamfer"], []
@@ -166,8 +145,7 @@ def single_image(
 @products.table(files=("touches",), splits=("test",))
 def local_touch_charts(touches: Frame, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """Local predictions at each touch of the test split: Chamfer distance (9000 times m²) of the predicted local point
-    cloud, and of the touch chart fitted to it, to the true local cloud.
-    """
+    cloud, and of the touch chart fitted to it, to the true local cloud."""
     measured = touch_errors(touches, split)
     published = paper_values("local_touch_charts").assign(estimate="cloud").set_index(["estimate", "class"])["value"]
     rows = [
@@ -184,10 +162,7 @@ def surface_quality(
     evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
 ) -> Frame:
     """Crumpled sheets, torn charts and spikes told apart: angles between adjacent faces (`bend`, `folded`), distances
-    between charts that were joined (`gap`), and angles to the true surface (`across`), on the test split.
-
-    The columns are explained in `palpate.learning.surface_quality`. The paper states none of them.
-    """
+    between charts that were joined (`gap`), and angles to the true surface (`across`), on the test split."""
     experiments = {name: one for name, one in experiments.items() if one.is_trained}  # not of retrieved points
     scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
     rows = []
@@ -204,8 +179,7 @@ def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test",
     """The best trained model of each kind of input beside retrieval, which takes the training object that fits the
     image and the touches best: Chamfer distance (9000 times m²) on the test split, mean and median. Below 1 the ratio
     says that the model is better than a look-up. Best is the lowest mean, of models as of look-ups, chosen after the
-    fact on this split.
-    """
+    fact on this split."""
     measured, rows = errors(evaluations, list(experiments), split), []
     groups: dict[tuple[str, int], list[str]] = {}
     for name, experiment in experiments.items():
@@ -219,7 +193,7 @@ def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test",
             min(part, key=lambda name: measured.estimate([name], resamples=2).value) for part in (models, look_ups)
         )
         row: dict[str, Any] = {"input": inputs, "grasps": count, "experiment": ours}
-        row["method"] = experiments[ours].method.label
+        row |= {"method": experiments[ours].method.label}
         for label, name in {"error": ours, "retrieval": theirs}.items():
             row |= error_columns(label, measured, name, resamples)
         rows.append(row | ratio_columns("ratio", measured, ours, theirs, resamples) | size_columns(measured, ours))
@@ -233,10 +207,7 @@ def grasp_selection(
     """Which grasp next: Chamfer distance (9000 times m²) after up to five grasps, chosen one by one among those stored:
     at random, the farthest from those before, where the model's correction is most uncertain, and by an oracle, which
     takes the one that leaves the least error. `left`: the share of the first error after the last. Cited rows are of
-    other objects, grasps and models.
-
-    selections: rows of `rows.read` with `SELECTION_COLUMNS`. A run with 20 grasps an object gives a choice.
-    """
+    other objects, grasps and models."""
     measured, chosen = selection_errors(selections, experiments, split)
     rows = []
     for (name, strategy), keys in chosen.items():
@@ -254,7 +225,7 @@ def grasp_selection(
 
 
 @products.table(files=("trainings",), on_request=True)
-def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str, Any]]) -> Frame:
+def tuning(points: Sequence[dict[str, Any]], trainings: Sequence[Mapping[str, Any]]) -> Frame:
     """The supplement's hyperparameters in every combination of the config's grid, for the model of occluded vision and
     touch: the lowest validation loss (9000 x Chamfer distance), the best first.
 
@@ -262,7 +233,9 @@ def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str,
     """
     from pandas import DataFrame as Frame
 
-    table = Frame(summary(points, trainings))
+    columns = ("validation_loss", "best_step", "steps", "seconds", "parameters")
+    rows = [point | {key: training[key] for key in columns} for point, training in zip(points, trainings, strict=True)]
+    table = Frame(sorted(rows, key=lambda row: row["validation_loss"]))
     machines = ", ".join(sorted({training["machine"]["found"] for training in trainings}))
     validated = trainings[0]["validated"]
     table.attrs["note"] = f"Validation loss of {validated} samples, the best of all evaluations; on {machines}."
@@ -270,22 +243,19 @@ def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str,
 
 
 def setups(experiments: Experiments) -> dict[tuple[str, str], dict[int, str]]:
-    """Experiments by their method and inputs: (method, input) -> {number of grasps: name}, in the order given."""
+    """Experiments that differ in their number of grasps only: (method, input) -> {grasps: name}, in the order given."""
     by_setup: dict[tuple[str, str], dict[int, str]] = {}
-    for name, experiment in experiments.items():
-        key = experiment.method.label, experiment.input_label
-        by_setup.setdefault(key, {})[experiment.grasps] = name
+    for name, each in experiments.items():
+        by_setup.setdefault((each.method.label, each.input_label), {})[each.grasps] = name
     return by_setup
 
 
 def _inputs(experiment: Experiment) -> dict[str, str]:
-    """The columns with a row's method and its inputs."""
     vision = experiment.vision if experiment.has_vision else "–"
     return {"method": experiment.method.label, "vision": vision, "touch": "yes" if experiment.touch else "no"}
 
 
 def _errors_by_class(table: str, evaluations: Frame, experiments: Experiments, split: str, resamples: int) -> Frame:
-    """A row an experiment: its errors by class and on average, beside the paper's of a table."""
     measured = errors(evaluations, list(experiments), split)
     published = paper_values(table).set_index(["experiment", "class"])["value"]
     rows = [
@@ -306,21 +276,14 @@ def touch_errors(touches: Frame, split: str) -> Errors:
     return errors(long, names, split, key="estimate")
 
 
-def ring_key(experiment: str, ring: int) -> str:
-    """Name under which `ring_errors` keeps an experiment's errors in one ring."""
+def ring_key(experiment: str, ring: int) -> str:  # of `ring_errors`
     return f"{experiment} x{ring}"
 
 
 def ring_errors(rings: Frame, experiments: Sequence[str], split: str) -> Errors:
     """Errors in rings as of so many experiments, named by `ring_key`. An object that has no surface in one of
     the rings around any of its touches is omitted from all."""
-    known = set(rings.loc[rings["split"] == split, "experiment"])
-    for name in experiments:
-        if name not in known:
-            raise EvaluationError(
-                f"no ring evaluation of experiment {name!r} on the {split} split; there are {sorted(known)}"
-            )
-    rings = rings[rings["experiment"].isin(experiments) & (rings["split"] == split)]
+    rings = of_split(rings, experiments, split, what="ring evaluation")
     by_object = rings.groupby(["object", "experiment", "seed", "ring"])["distance"].mean()
     empty = by_object[by_object.isna()].index.get_level_values("object").unique()
     rings = rings[~rings["object"].isin(empty)].dropna(subset="distance")
@@ -361,13 +324,12 @@ def error_columns(label: str, measured: Errors, name: str, resamples: int, scale
 
 
 def ratio_columns(label: str, measured: Errors, one: str, other: str, resamples: int) -> dict[str, float]:
-    """The columns of one experiment's average over another's: with its interval, and the ratio of the medians."""
+    """The columns of one experiment's average over another's, with the ratio of the medians."""
     columns = measured.estimate([one, other], ratio, resamples).within(0).columns(label)
     return columns | {f"{label}_median": measured.median([one]) / measured.median([other])}
 
 
 def size_columns(measured: Errors, *names: str) -> dict[str, Any]:
-    """Columns with the data behind a row's numbers: objects, seeds, steps."""
     low = min(measured.steps[name][0] for name in names)
     high = max(measured.steps[name][1] for name in names)
     return {
@@ -378,14 +340,12 @@ def size_columns(measured: Errors, *names: str) -> dict[str, Any]:
 
 
 def frame_of(rows: list[dict], classes: Iterable[str]) -> Frame:
-    """The rows as a table, without the paper's columns if none of the classes is the paper's."""
     from pandas import DataFrame as Frame
 
     return without_paper(Frame(rows), classes).astype({"objects": "Int64", "seeds": "Int64"})
 
 
 def intervals_note(seeds: int) -> str:
-    """What stands in brackets in a table of models with so many seeds."""
     over = "objects, within classes, and over seeds" if seeds > 1 else "objects only, within classes"
     known = "" if seeds > 1 else " One seed: nothing is known of the spread between trainings."
     return f"In brackets: 95 % bootstrap interval over {over}; none where a class has a single object.{known}"

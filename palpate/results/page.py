@@ -49,10 +49,12 @@ def picture_grid(rows: Sequence[str], columns: Sequence[str], cell: float = 1.6)
     """A figure and its axes (rows, columns), without ticks and frames: a name left of each row, a title above each
     column, in lines no longer than a picture. cell: inches of a picture."""
     labels, titles = [wrapped(name, cell, LABEL) for name in rows], [wrapped(name, cell, TITLE - 1) for name in columns]
-    figure = new_figure(
-        cell * len(columns) + 0.3 + LINE * (_most_breaks(labels) - _most_breaks(rows)),
-        cell * len(rows) + 0.4 + LINE * (_most_breaks(titles) - _most_breaks(columns)),
-    )
+
+    def more_breaks(texts: Sequence[str], than: Sequence[str]) -> int:
+        return max(text.count("\n") for text in texts) - max(text.count("\n") for text in than)
+
+    width = cell * len(columns) + 0.3 + LINE * more_breaks(labels, rows)
+    figure = new_figure(width, cell * len(rows) + 0.4 + LINE * more_breaks(titles, columns))
     figure.set_layout_engine("compressed")
     axes = figure.subplots(len(rows), len(columns), squeeze=False, subplot_kw={"xticks": [], "yticks": []})
     for panel in axes.flat:
@@ -62,10 +64,6 @@ def picture_grid(rows: Sequence[str], columns: Sequence[str], cell: float = 1.6)
     for panel, name in zip(axes[:, 0], labels, strict=True):
         panel.set_ylabel(name, fontsize=LABEL, color=FAINT)
     return figure, axes
-
-
-def _most_breaks(texts: Sequence[str]) -> int:
-    return max(text.count("\n") for text in texts)
 
 
 def wrapped(text: str, inches: float, size: float) -> str:
@@ -88,7 +86,6 @@ def save(figure: Figure, path: Path | str) -> None:
 
 
 def figure_image(figure: Figure) -> Image:
-    """A figure as an image, RGB."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 

@@ -35,27 +35,21 @@ def presses(dataset: Dataset) -> DataFrame:
     for record in dataset:
         for press in record.presses:
             area = (press.pressure > 0).sum(axis=(1, 2)) * np.prod(press.sensor.pixel)
-            values = {"force": press.force, "area": 1e6 * area, "depth": 1e3 * press.approach}
-            values |= {
-                "inside_percent": 100 * press.inside,
-                "pressure": press.pressure.max(axis=(1, 2)).astype(float) / 1e3,
-            }
-            rows.append(
-                pd.DataFrame({"object": record.name, "class": record.class_name} | values | {"strain": press.strain})
-            )
+            pressure = press.pressure.max(axis=(1, 2)).astype(float) / 1e3
+            values = {"force": press.force, "area": 1e6 * area, "depth": 1e3 * press.approach, "one": 1}
+            values |= {"inside_percent": 100 * press.inside, "pressure": pressure, "strain": press.strain}
+            rows.append(pd.DataFrame({"object": record.name, "class": record.class_name} | values))
     if not rows:
         return pd.DataFrame({"class": [], "force": []})
-    measured, table = pd.concat(rows).assign(one=1), []
+    measured, table = pd.concat(rows), []
     for name in [*measured["class"].unique(), "total"]:
         members = measured if name == "total" else measured[measured["class"] == name]
         for force, chosen in members.groupby("force"):
-            sums = chosen.groupby("object", sort=False).agg(
-                {"class": "first"} | dict.fromkeys(["area", "depth", "inside_percent", "one"], "sum")
-            )
+            by_object = chosen.groupby("object", sort=False)
+            sums, classes = by_object[["area", "depth", "inside_percent", "one"]].sum(), by_object["class"].first()
             row: dict[str, Any] = {"class": name, "force": force, "objects": len(sums), "presses": len(chosen)}
             for column, most in {"area": np.inf, "depth": np.inf, "inside_percent": 100}.items():
-                mean = ratio_interval(sums[column], sums["one"], sums["class"]).within(0, most)
-                row |= mean.columns(column)
+                row |= ratio_interval(sums[column], sums["one"], classes).within(0, most).columns(column)
             table.append(row | {"pressure": chosen["pressure"].mean(), "strain": chosen["strain"].max()})
     return pd.DataFrame(table).round(3)
 
@@ -111,23 +105,22 @@ def pressing(dataset: Dataset, path: Path | str) -> None:
     for number, force in enumerate(forces):
         axes[0, 0].set_ylabel(f"{force:.2f} N")
         for film, (reading, pressure) in zip(films, axes.T, strict=True):
-            reading.imshow(film.reading[number])
-            pressure.imshow(film.pressure[number], cmap="Reds", vmin=0, vmax=film.pressure.max())
+            reading.imshow(film["reading"][number])
+            pressure.imshow(film["pressure"][number], cmap="Reds", vmin=0, vmax=film["pressure"].max())
         pages.append(next_page(figure))
     save_animation(pages, path, PAUSE, REST)
 
 
 def example_presses(dataset: Dataset) -> list[PressRecord]:
     """Of each class, `CLASSES` at most, the press whose last reading differs most from that of the untouched gel."""
-    empty = {}
     chosen: dict[str, tuple[float, PressRecord]] = {}
+    empty: dict[str, np.ndarray] = {}  # of each batch
     for record in dataset:
-        if record.class_name not in chosen and len(chosen) == CLASSES:
-            continue
-        for press in record.presses:
-            if record.batch not in empty:
-                empty[record.batch] = press.empty_reading.astype(float)
-            difference = np.abs(press.reading[-1] - empty[record.batch]).mean()
-            if difference > chosen.get(record.class_name, (-1, press))[0]:
-                chosen[record.class_name] = difference, press
+        if record.class_name in chosen or len(chosen) < CLASSES:
+            for press in record.presses:
+                if record.batch not in empty:
+                    empty[record.batch] = press.empty_reading.astype(float)
+                difference = np.abs(press.reading[-1] - empty[record.batch]).mean()
+                if difference > chosen.get(record.class_name, (-1, press))[0]:
+                    chosen[record.class_name] = difference, press
     return [press for _, press in chosen.values()]

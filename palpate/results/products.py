@@ -1,17 +1,9 @@
-"""Tables and figures of a run: each is one function of this package, declared by a decorator.
-
-    @products.table(evaluations="input_modalities")
-    def worst_objects(evaluations, split):
-        \"""The ten objects of the test split with the largest Chamfer distance (9000 times m²).\"""
-        return evaluations[evaluations["split"] == split].nlargest(10, "chamfer")
+"""Tables and figures of a run: each is one function of this package, declared by a decorator (see CONTRIBUTING.md).
 
 The function's name is the table's or the figure's. The first paragraph of its docstring is the caption. The
 decorator's values (`Product`) say what it reads. Its parameters get what is read under the same name, as listed in
 `workflow/scripts/product.py`; a figure also gets the `path` to write to. Inputs, params, captions and targets of the
 workflow follow from this.
-
-The workflow's start imports all modules of this package for their declarations. pandas, matplotlib, torch, Blender and
-`palpate.dataset` are therefore imported in functions.
 """
 
 import importlib
@@ -32,47 +24,35 @@ from palpate.stages import STAGES
 
 Function = TypeVar("Function", bound=Callable)
 FOLDER = Path(__file__).parent
-FILES = ("touches", "touch_depth", "trainings")
+FILES = ("touches", "touch_depth", "trainings")  # evaluation of the U-Net, the U-Net, the grid of hyperparameters
 UNIONS = ("claims", "effects", "retrieval")  # sources of evaluations that are no table of config/experiments.yaml
 CAPTIONS = read_yaml(FOLDER / "captions.yaml")  # of reports, which `studies` makes, and for tables with intervals
 
 
 @dataclass(frozen=True)
 class Product:
-    """One table or figure, as its decorator declares it.
+    """One table or figure, as its decorator declares it."""
 
-    Attributes:
-        kind: `tables` or `figures`, its folder in the run. function: what gives the table, or draws the figure.
-        name: by default the function's; `{class_name}` or `{model}` in it stands for each class of the run, or each
-            model whose layers the paper lists. The caption may have the same field.
-        evaluations, rings, selections: whose evaluations it reads, over all surfaces, in rings around touches, and
-            after chosen grasps: a table of config/experiments.yaml, or of `UNIONS`.
-        models: experiments whose trained models it reads.
-        files: further files that it reads: `touches` (evaluation of the U-Net), `touch_depth` (the U-Net), `trainings`
-            (of the grid of hyperparameters).
-        stores: stages whose stores it reads, `dataset` for all that every dataset has; one that was read, not
-            simulated, lacks some. A run has no product of stores that its config does not ask for.
-        splits: that it needs objects of; by default the split of the table that is named there.
-        category: `Dataset` or `Models`.
-        simulated: whether a dataset that was read, not simulated, can't have it.
-        form: suffix of the files of a figure, `png` or `gif`.
-        on_request: whether only a request by name makes it, not `all`.
-    """
-
-    kind: str
-    function: Callable[..., Any]
+    kind: str  # `tables` or `figures`, its folder in the run
+    function: Callable[..., Any]  # gives the table, or draws the figure
+    # By default the function's. `{class_name}` or `{model}` in it, and in the caption, stands for each class of the
+    # run, or each model whose layers the paper lists.
     name: str
+    # Whose evaluations it reads, over all surfaces, in rings around touches, and after chosen grasps: those of a table
+    # of config/experiments.yaml, or of one of `UNIONS`.
     evaluations: str = ""
     rings: str = ""
     selections: str = ""
-    models: tuple[str, ...] = ()
-    files: tuple[str, ...] = ()
+    models: tuple[str, ...] = ()  # experiments whose trained models it reads
+    files: tuple[str, ...] = ()  # of `FILES`
+    # Stages whose stores it reads, `dataset` for all that every dataset has; one that was read, not simulated, lacks
+    # some. A run has no product of stores that its config does not ask for.
     stores: tuple[str, ...] = ()
-    splits: tuple[str, ...] = ()
-    category: str = "Models"
-    simulated: bool = False
-    form: str = "png"
-    on_request: bool = False
+    splits: tuple[str, ...] = ()  # that it needs objects of; by default that of its table of config/experiments.yaml
+    category: str = "Models"  # or `Dataset`
+    simulated: bool = False  # whether a dataset that was read, not simulated, can't have it
+    form: str = "png"  # suffix of a figure's file, or `gif`
+    on_request: bool = False  # whether only a request by name makes it, not `all`
 
     def __post_init__(self) -> None:
         """Raises ValueError for a stage or a file that there is not, and for a function without a caption."""
@@ -82,19 +62,12 @@ class Product:
             raise ValueError("its docstring, whose first paragraph is the caption, is missing")
 
     @property
-    def caption(self) -> str:
-        """The first paragraph of its function's docstring, in one line."""
+    def caption(self) -> str:  # the first paragraph of its function's docstring, in one line
         return " ".join((inspect.getdoc(self.function) or "").split("\n\n")[0].split())
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of its function's parameters."""
         return tuple(inspect.signature(self.function).parameters)
-
-    @property
-    def pattern(self) -> str:
-        """Regular expression of its name, a group a field."""
-        return re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+)", re.escape(self.name))
 
     @property
     def comparison(self) -> str:
@@ -111,15 +84,13 @@ DECLARED: dict[tuple[str, str], Product] = {}  # by kind and name
 
 
 def table(**declaration: Any) -> Callable[[Function], Function]:
-    """Declares a function that gives a table, a DataFrame. Keywords are attributes of `Product`.
-
-    Raises ValueError, naming file and line, for what `Product` does not have, and for a name that is another one's.
-    """
+    """Declares a function that gives a DataFrame, by attributes of `Product`. Raises ValueError, naming file and line,
+    for what `Product` does not have, and for a name that is another one's."""
     return partial(_declare, "tables", declaration)
 
 
 def figure(**declaration: Any) -> Callable[[Function], Function]:
-    """Declares a function that draws a figure to `path`, in the figures' style. Keywords and errors: of `table`."""
+    """Declares, as `table`, a function that draws a figure to `path`, in the figures' style."""
     return lambda function: _declare("figures", declaration, styled(function))
 
 
@@ -149,8 +120,8 @@ def products() -> tuple[Product, ...]:
 def find(kind: str, name: str) -> tuple[Product, dict[str, str]] | None:
     """The product of a name, and what the fields in its name stand for; None for an unknown name."""
     for product in products():
-        match = re.fullmatch(product.pattern, name) if product.kind == kind else None
-        if match:
+        pattern = re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+)", re.escape(product.name))
+        if product.kind == kind and (match := re.fullmatch(pattern, name)):
             return product, match.groupdict()
     return None
 
@@ -159,10 +130,9 @@ def caption(kind: str, name: str) -> str:
     """The caption of a table, figure or report, with code between backticks; empty for an unknown name."""
     if kind == "reports":
         return CAPTIONS["reports"].get(name, "")
-    named = find(kind, name)
-    if not named:
+    product, fields = find(kind, name) or (None, {})
+    if not product:
         return ""
-    product, fields = named
     text = product.caption.format(**fields)
     has_intervals = product.comparison or product.evaluations or "touches" in product.files
     return f"{text} {CAPTIONS['intervals']}" if kind == "tables" and has_intervals else text
@@ -176,9 +146,7 @@ def position(kind: str, name: str) -> tuple[int, str]:
 
 def needed_splits(experiment: Experiment, tables: Mapping[str, Comparison]) -> list[str]:
     """The splits of which a table, a claim or a difference takes an experiment's errors; all if none does.
-
-    tables: those of config/experiments.yaml.
-    """
+    tables: those of config/experiments.yaml."""
     names = {experiment.name, experiment.stated_as}  # ours take the paper's place in claims and differences
 
     def are_in(*cells: str) -> bool:

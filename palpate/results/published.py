@@ -1,21 +1,8 @@
-"""The paper's numbers, typed from its tables; each row names its table. It needs no pandas but for `paper_values`.
+"""The paper's numbers (`paper/*.csv`), typed from its tables; each row names its table and unit.
 
-| file | key columns | unit |
-|---|---|---|
-| model_selection | experiment, class | m^2 x 9000 |
-| input_modalities | experiment, class | m^2 x 9000 |
-| local_touch_charts | class | m^2 x 9000 |
-| grasps | experiment (setup, grasps) | m^2 x 9000 |
-| extrapolation | experiment (setup), ring | m^2, one-directional |
-| single_image | method | Pixel2Mesh's protocol: thousandths, and percent |
-| dataset_statistics | class, quantity | counts, and percent |
-| grasp_success | class, successful_touches | percent |
-| architectures | model, index | words |
-| contradictions | model, index | what in `architectures` contradicts itself, and what is meant |
-| claims | claim, split | what decides each claim of the text: `palpate.results.claims` |
-| effects | effect | the differences that the text is about: `palpate.results.effects` |
-| grasp_selection | strategy | share of the first error left after five chosen grasps, not of the paper |
-| abc | experiment | m^2 x 9000, of the authors' released models on their released ABC objects |
+`contradictions` says what in `architectures` contradicts itself, and what is meant; `claims` and `effects` what decides
+each claim of the text (`palpate.results.claims`, `.effects`). Not of the paper are `grasp_selection`, the share of the
+first error left after five chosen grasps, and `abc`, of the authors' released models on their released ABC objects.
 """
 
 import csv
@@ -30,15 +17,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FOLDER = Path(__file__).parent / "paper"
-
-# The tables whose rows are experiments of config/experiments.yaml; claims compare nothing else.
-OF_EXPERIMENTS = ("model_selection", "input_modalities", "grasps", "extrapolation")
 OURS = {method.name for method in METHODS.values() if method.stated_as}  # methods that are not the paper's
 
 
 def published_experiments(*tables: str) -> list[str]:
-    """The experiments that the paper has numbers of in these tables (if none: `OF_EXPERIMENTS`)."""
-    return list(dict.fromkeys(row["experiment"] for table in tables or OF_EXPERIMENTS for row in paper_rows(table)))
+    """The experiments that the paper has numbers of in these tables; by default in those whose rows are experiments of
+    config/experiments.yaml. Claims compare nothing else."""
+    tables = tables or ("model_selection", "input_modalities", "grasps", "extrapolation")
+    return list(dict.fromkeys(row["experiment"] for table in tables for row in paper_rows(table)))
 
 
 class Term(NamedTuple):
@@ -50,8 +36,7 @@ class Term(NamedTuple):
     ring: str = ""
 
     @property
-    def experiment(self) -> str:
-        """Its experiment; empty for the cloud."""
+    def experiment(self) -> str:  # empty for the cloud
         return f"{self.method}_{self.inputs}" if self.inputs else ""
 
     @property
@@ -61,16 +46,12 @@ class Term(NamedTuple):
 
 
 def terms(cell: str) -> tuple[Term, ...]:
-    """The terms of a cell, with "; " between."""
     return tuple(Term(*term.split()) for term in cell.split("; "))
 
 
 def exchanged(papers: Sequence[Term], method: Method, known: Collection[str]) -> tuple[Term, ...] | None:
     """Terms with a method in place of the paper's; None if it changes none, or the method has no experiment, among
-    those `known`, for one of them.
-
-    Vision alone stays where a method has no model of its own for it.
-    """
+    those `known`, for one of them. Vision alone stays where a method has no model of its own for it."""
     if not method.exchanged:
         return tuple(papers)
     own = []

@@ -1,17 +1,15 @@
 """Tables as files: CSV with all numbers in columns of their own; Markdown and LaTeX for reading.
 
-A table is a DataFrame. Three entries of its `attrs` say how it is written:
-
-    note        what stands under the table in Markdown and LaTeX
-    decimals    of the numbers in Markdown and LaTeX, where a number then shares a cell with its interval, in brackets,
-                and the median, in parentheses; None: three significant digits. Without this entry numbers are shown as
-                the frame has them.
-    exact       column -> decimals, where a column has its own
+Three entries of a DataFrame's `attrs` say how it is written: `note`, what stands under it in Markdown and LaTeX;
+`decimals` of the numbers there, where a number then shares a cell with its interval, in brackets, and the median, in
+parentheses (None: three significant digits; without this entry numbers are shown as the frame has them); and `exact`,
+column -> decimals, where a column has its own.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,10 +24,7 @@ ENDINGS = ("_low", "_high", "_median")  # of columns that share a cell with thei
 
 
 def write_table(table: DataFrame, path: Path | str, made_from: MadeFrom | None = None) -> None:
-    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex).
-
-    made_from: as `palpate.atomic.atomic_write` takes it.
-    """
+    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex), with their seals."""
     path = Path(path)
     float_format = "%.6g" if "decimals" in table.attrs else None
     forms = {
@@ -44,16 +39,15 @@ def write_table(table: DataFrame, path: Path | str, made_from: MadeFrom | None =
 
 def markdown(table: DataFrame) -> str:
     """The table in Markdown: numbers to the right, missing values as a dash; then its note."""
-    cells = display(table).map(lambda cell: cell.replace("|", r"\|"))
+    text = _tabulated(table, "pipe", lambda cell: cell.replace("|", r"\|"))
     note = table.attrs.get("note")
-    return _tabulated(table, cells, "pipe") + (f"\n\n{note}\n" if note else "\n")
+    return text + (f"\n\n{note}\n" if note else "\n")
 
 
 def latex(table: DataFrame) -> str:
     """The table as a LaTeX tabular with the rules of package booktabs; then its note, as a comment."""
-    cells = display(table).map(lambda cell: cell.replace(MISSING, "--"))
-    text = _tabulated(table, cells, "latex_booktabs").replace(r"\^{}", r"\textasciicircum{}")
-    note = table.attrs.get("note")
+    text = _tabulated(table, "latex_booktabs", lambda cell: cell.replace(MISSING, "--"))
+    text, note = text.replace(r"\^{}", r"\textasciicircum{}"), table.attrs.get("note")
     return text + (f"\n% {note}\n" if note else "\n")
 
 
@@ -78,10 +72,10 @@ def display(table: DataFrame) -> DataFrame:
     return pd.DataFrame(shown, dtype=object)
 
 
-def _tabulated(table: DataFrame, cells: DataFrame, form: str) -> str:
+def _tabulated(table: DataFrame, form: str, changed: Callable[[str], str]) -> str:
     from tabulate import tabulate
 
-    plain = "decimals" not in table.attrs
+    cells, plain = display(table).map(changed), "decimals" not in table.attrs
     sides = ["right" if plain and table[name].dtype.kind in "biuf" else "left" for name in cells]
     header = [str(name).replace("_", " ") for name in cells]
     # Without rows tabulate has no columns to align.
@@ -96,9 +90,7 @@ def _text(value: Any) -> str:
 
 
 def _number(table: DataFrame, name: str, *numbers: float) -> str:
-    """A number, its interval and its median with the table's decimals; with three significant digits where it has none.
-
-    numbers: value, low, high, median; what is nan is left out."""
+    """numbers: value, low, high, median; what is nan is left out."""
     decimals = table.attrs.get("exact", {}).get(name.removesuffix("_paper"), table.attrs["decimals"])
     form = ".3g" if decimals is None else f".{decimals}f"
     value, low, high, median = (MISSING if math.isnan(number) else format(number, form) for number in numbers)

@@ -7,20 +7,18 @@ symbols, and `<name>:<length>` for axes that their symbol does not name.
 """
 
 import csv
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
 
 import yaml
 
+from palpate.rebuild_command import rebuild_advice
+from palpate.seal import DamagedFile
 from palpate.stages import STAGES, Stage
 
-# 1: arrays of grasps were (og, ...), object by object, with `object_index` and `grasp_index`.
-# 2: stores did not state which files they hold, with sizes and checksums.
-# 3: touch stores did not state their sensor; hands had hinges only, and four sensors; images had one camera, which was
-#    not stored.
-# 4: stores did not state what they were made from.
-# 5: hands had no names and couplings of joints, and did not say which of their geoms collide.
-# 6: stores did not have a seal: an attribute or the HDF5 file's first bytes stated their files.
 SCHEMA_VERSION = 7
 # The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
@@ -29,6 +27,23 @@ _FOLDER = resources.files("palpate.store")
 _TERMS = yaml.safe_load(_FOLDER.joinpath("contract.yaml").read_text(encoding="utf-8"))
 SYMBOLS, UNITS, FRAMES = _TERMS["symbols"], _TERMS["units"], _TERMS["frames"]
 DIMENSIONS = _TERMS["dimensions"]
+
+
+class StoreError(ValueError):
+    """A store, or arrays to be written, violate the contract; the message names the file."""
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Context in which any error of a library that reads a store becomes a StoreError, naming file and remedy."""
+    try:
+        yield
+    except (StoreError, IndexError, PermissionError):  # not about what the file holds
+        raise
+    except DamagedFile as error:
+        raise StoreError(str(error)) from None
+    except Exception as error:
+        raise StoreError(f"{path} can't be read ({type(error).__name__}: {error}); {rebuild_advice(path)}") from error
 
 
 @dataclass(frozen=True)
@@ -52,35 +67,28 @@ class ArraySpec:
         return f"({', '.join(map(str, self.shape))}{',' if len(self.shape) == 1 else ''})"
 
     @property
-    def of_objects(self) -> bool:
-        """Whether the first axis counts the batch's objects."""
+    def of_objects(self) -> bool:  # whether the first axis counts the batch's objects
         return self.shape[0] == "o"
 
     @property
-    def of_grasps(self) -> bool:
-        """Whether the first two axes count the objects and the grasps of each."""
+    def of_grasps(self) -> bool:  # whether the second axis counts the grasps of each object
         return self.shape[:2] == ("o", "g")
 
     @property
-    def of_presses(self) -> bool:
-        """Whether the first two axes count the objects and the presses of each."""
+    def of_presses(self) -> bool:  # whether the second axis counts the presses of each object
         return self.shape[:2] == ("o", "t")
 
     @property
-    def of_frames(self) -> bool:
-        """Whether its third axis counts the frames of a grasp, or those of them that have images."""
+    def of_frames(self) -> bool:  # whether the third axis counts the frames of a grasp, or those that have images
         return self.shape[2:3] in (("f",), ("h",))
 
     @property
-    def of_cameras(self) -> bool:
-        """Whether it has an axis of the scene's cameras, after those of objects, grasps and frames."""
+    def of_cameras(self) -> bool:  # whether it has an axis of cameras, after those of objects, grasps and frames
         return "k" in self.shape
 
     def sizes(self, shape: tuple[int, ...]) -> dict[str, int]:
-        """The number that each symbol stands for in an array of this shape.
-
-        Raises ValueError if the number of axes, an axis of fixed length or a repeated symbol disagrees.
-        """
+        """The number that each symbol stands for in an array of this shape. Raises ValueError if the number of axes, an
+        axis of fixed length or a repeated symbol disagrees."""
         found: dict[str, int] = {}
         if len(shape) != len(self.shape):
             raise ValueError(f"shape {self.axes} expected, but it is {shape}")
@@ -112,7 +120,6 @@ class StoreSpec:
         return (*self.attributes, "schema_version", "stage", "units", "frames", "versions")
 
     def path(self, batch: str) -> str:
-        """Path of one batch's store in the run's folder."""
         return self.stage.path(batch)
 
 
@@ -144,9 +151,7 @@ def arrays_by_name(
     of_grasps: bool, of_frames: bool = False, of_presses: bool = False
 ) -> dict[str, tuple[str, ArraySpec]]:
     """Stage and contract of the arrays with a row a frame, a grasp, a press, or an object only, but for `object`.
-
-    Raises ValueError if two of them have one name: they are attributes of one record.
-    """
+    Raises ValueError if two of them have one name: they are attributes of one record."""
     named: dict[str, tuple[str, ArraySpec]] = {}
     kind = (of_grasps, of_frames, of_presses)
     specs = [(stage, spec) for stage, store in CONTRACT.items() for spec in store.arrays.values()]

@@ -14,14 +14,14 @@ import numpy as np
 import zarr
 
 import palpate
+from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, write_rejections
 from palpate.configuration import ConfigError
 from palpate.rebuild_command import rebuild_advice, rebuild_command
 from palpate.seal import MadeFrom, Seal, with_output
 from palpate.sensor import Sensor
-from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
-from palpate.store.errors import StoreError, reading
+from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreError, StoreSpec, reading
 from palpate.store.hdf5_file import Hdf5File, write_hdf5
 from palpate.store.zarr_files import ZarrFiles, write_zarr
 
@@ -30,21 +30,15 @@ Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
 
 
 def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
-    """Write one batch's store atomically.
-
-    path: `<run>/<stage>/<batch>.zarr`, or `.h5` for grasps. stage: a key of `CONTRACT`.
-    arrays: exactly the contract's arrays, optional ones or not; a group that it allows is given as
-    `hand/<name>`.
-    attributes: those of the stage's `StoreSpec`, and what else JSON can hold; versions, units and frames are added.
-    Among them is `made_from` (`palpate.seal.combine`), which goes into the store's seal.
-    The same arrays and attributes give the same bytes. Raises StoreError if a name, shape or type is wrong.
-    """
-    path = Path(path)
-    spec = CONTRACT[stage]
+    """Write one batch's store atomically; the same arrays and attributes give the same bytes.
+    path: `<run>/<stage>/<batch>.zarr`, or `.h5` for grasps. stage: a key of `CONTRACT`. arrays: exactly the contract's,
+    optional ones or not; a group that it allows is given as `hand/<name>`. attributes: those of the stage's
+    `StoreSpec`, and what else JSON can hold; versions, units and frames are added. Among them is `made_from`
+    (`palpate.seal.combine`), which goes into the store's seal. Raises StoreError if a name, shape or type is wrong."""
+    path, spec = Path(path), CONTRACT[stage]
     if path.suffix != spec.stage.suffix:
         raise StoreError(f"{path}: a store of {stage} ends in {spec.stage.suffix}")
-    missing = [name for name in spec.attributes if name not in attributes]
-    if missing:
+    if missing := [name for name in spec.attributes if name not in attributes]:
         raise StoreError(f"{path}: attributes {missing} are missing")
     arrays = {name: np.asarray(array) for name, array in arrays.items()}
     check_headers(path, spec, {name: (array.shape, array.dtype) for name, array in arrays.items()})
@@ -73,9 +67,7 @@ def describe(spec: StoreSpec) -> dict[str, Any]:
 
 def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], optional: bool = True) -> None:
     """Raise StoreError, naming the first that is wrong, if names, shapes or types are not the contract's.
-
-    optional: whether the arrays that the contract calls so may be missing; those that a config asks for always may.
-    """
+    optional: whether the arrays that the contract calls so may be missing; those that a config asks for always may."""
     given = {name for name in headers if name.split("/")[0] not in spec.stage.groups}
     needed = {name for name, array in spec.arrays.items() if not (array.optional and (optional or array.asked))}
     missing, unknown = sorted(needed - given), sorted(given - set(spec.arrays))
@@ -94,24 +86,20 @@ def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], op
 
 def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict[str, tuple[str, int]]) -> None:
     """Check one shape against the contract and against the arrays before it, whose symbols are in `sizes`."""
+    what = f"{path}: array {spec.name!r}"
     try:
         found = spec.sizes(shape)
     except ValueError as error:
-        raise StoreError(f"{path}: array {spec.name!r}: {error}") from None
+        raise StoreError(f"{what}: {error}") from None
     if shape[0] == 0:  # of a batch without objects, whose other axes may be unknown
         found = {symbol: length for symbol, length in found.items() if symbol == spec.shape[0]}
-    for symbol, length in found.items():
-        source, expected = sizes.setdefault(symbol, (spec.name, length))
-        if length != expected:
-            raise StoreError(
-                f"{path}: array {spec.name!r} has shape {shape}, so {symbol} = {length}, "
-                f"but {source!r} has {symbol} = {expected}"
-            )
+    for symbol, size in found.items():
+        source, other = sizes.setdefault(symbol, (spec.name, size))
+        if size != other:
+            raise StoreError(f"{what} has shape {shape}, so {symbol} = {size}, but {source!r} has {symbol} = {other}")
     values = {symbol: length for symbol, (_, length) in sizes.items()}
     if "rc" in found and "c" in values and values["rc"] != values["r"] * values["c"]:
-        raise StoreError(
-            f"{path}: array {spec.name!r}: {values['rc']} rows, but readings have {values['r']} x {values['c']} pixels"
-        )
+        raise StoreError(f"{what}: {values['rc']} rows, but readings have {values['r']} x {values['c']} pixels")
 
 
 def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
@@ -122,13 +110,10 @@ def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
 
 
 class Store:
-    """One batch's store, for reading: `store["depth"]`, `store.get("depth", 3)`, `store.attributes`.
-
-    Arrays are read when they are asked for, and then only the records that the index needs. Nothing stays
-    open, so it is safe to fork. Raises StoreError, naming the file and the remedy, if the store is missing,
-    unreadable, or of another schema version, or lacks a file that was written or has one of another size. Every value
-    that is read is compared with its checksum.
-    """
+    """One batch's store, for reading: `store["depth"]`, `store.get("depth", 3)`, `store.attributes`. Arrays are read
+    when they are asked for, and then only the records that the index needs, whose checksums are compared. Nothing stays
+    open, so it is safe to fork. Raises StoreError, naming the file and the remedy, if the store is missing, unreadable,
+    or of another schema version, or lacks a file that was written or has one of another size."""
 
     def __init__(self, path: Path | str):
         self.path = Path(path)
@@ -138,24 +123,23 @@ class Store:
             self._files = ZarrFiles(self.path) if self.path.suffix == ".zarr" else Hdf5File(self.path)
         version = self._files.attributes.get("schema_version")
         if version != SCHEMA_VERSION:  # of all stores of the run
-            target = "/".join(self.path.parts[-2:])
+            again = rebuild_command(self.path, "dataset", "/".join(self.path.parts[-2:]))
             raise StoreError(
                 f"{self.path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
-                "use the palpate that made it, or build the run again with: "
-                f"{rebuild_command(self.path, 'dataset', target)} --forceall"
+                f"use the palpate that made it, or build the run again with: {again} --forceall"
             )
-        with reading(self.path):
-            self._files.require_files()
+        if self.path.suffix == ".zarr":  # opening compares an HDF5 file whole
+            with reading(self.path):
+                self.seal.require(contents=False)
         self.attributes = {**self._files.attributes, "made_from": self.seal.made_from}
 
     def verify(self) -> None:
         """Compare all files with the seal. Raises StoreError, naming the first, if any is not as written."""
         with reading(self.path):
-            self._files.verify()
+            seal.verify(self.path)
 
     @property
     def seal(self) -> Seal:
-        """What it holds and what it was made from, to compare with other outputs."""
         return self._files.seal
 
     @cached_property
@@ -173,7 +157,6 @@ class Store:
 
     @cached_property
     def rows(self) -> dict[str, int]:
-        """Row of each object."""
         return {str(name): row for row, name in enumerate(self.get("object"))}
 
     def names(self) -> list[str]:
@@ -188,10 +171,8 @@ class Store:
             return tuple(array.shape), array.dtype
 
     def get(self, name: str, index: Any = ...) -> np.ndarray:
-        """What `index` picks of one array as numpy does, read now; strings come as a numpy array of str.
-
-        If it has numbers and slices only, only their records are read.
-        """
+        """What `index` picks of one array as numpy does, read now; strings come as a numpy array of str. If it has
+        numbers and slices only, only their records are read."""
         with reading(self.path):
             array = self._files.array(name)
             whole: Any = array[...] if isinstance(array, zarr.Array) else array
@@ -219,12 +200,10 @@ def read(path: Path | str, *names: str) -> dict[str, np.ndarray]:
 
 
 def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """The arrays of a batch, from the named arrays of each of its objects, in the contract's types.
-
-    The arrays of the objects are stacked. Optional arrays that no object has are omitted. `object` is made here.
-    Axes of a batch without objects have length 0; it has no arrays that only a config asks for. Raises StoreError if
-    objects have arrays of different shapes.
-    """
+    """The arrays of a batch, from the named arrays of each of its objects, in the contract's types. The arrays of the
+    objects are stacked. Optional arrays that no object has are omitted. `object` is made here. Axes of a batch without
+    objects have length 0; it has no arrays that only a config asks for. Raises StoreError if objects have arrays of
+    different shapes."""
     arrays = {"object": np.array(list(records), dtype=str)}
     for name, spec in CONTRACT[stage].arrays.items():
         if not spec.of_objects or name == "object":
@@ -251,12 +230,9 @@ def write_batch(
     attributes: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
     """Write a stage's results for a batch: the table of rejections, then the store, both atomically.
-
     paths: of the store by the stage's name, as for `write`, and of the table (.csv) by `rejected`; results: as
-    `palpate.batch.each_object` returns them, the objects' arrays as for `join`; made_from: see
-    `palpate.seal.combine`; more: arrays of the batch; attributes: further ones that the stage's stores have.
-    Raises StoreError as `write` does.
-    """
+    `palpate.batch.each_object` returns them, the objects' arrays as for `join`; made_from: see `palpate.seal.combine`;
+    more: arrays of the batch; attributes: further ones that the stage's stores have. Raises StoreError as `write`."""
     records, rejections = results
     with atomic_write(paths["rejected"], made_from) as partial:
         write_rejections(partial, rejections)

@@ -1,8 +1,8 @@
 """A store as a folder of Zarr v3: `ZarrFiles`, with the same methods as `palpate.store.hdf5_file.Hdf5File`.
 
 A chunk is one record, a shard one array of the batch. Zarr reads a file that is missing as the fill value, so files are
-compared with the store's seal. Zarr takes 1.5 ms for a record, and a grasp has 25 arrays
-(`python -m studies.benchmarks.reading`), so records are read without it, at the speed of the decoder.
+compared with the store's seal. Zarr takes 1.5 ms for a record (`python -m studies.benchmarks.reading`), so records are
+read without it, at the speed of the decoder.
 """
 
 import os
@@ -20,8 +20,7 @@ from zarr.core.metadata import ArrayV3Metadata
 
 from palpate import seal
 from palpate.seal import Seal
-from palpate.store.contract import StoreSpec
-from palpate.store.errors import StoreError
+from palpate.store.contract import StoreError, StoreSpec
 
 # Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
 # otherwise (ZARR_THREADING__MAX_WORKERS). Several threads of Blosc may write a chunk's blocks in any order.
@@ -75,14 +74,6 @@ class ZarrFiles:
         sealed.require([ROOT])
         return sealed
 
-    def verify(self) -> None:
-        """Compare all files with the seal. Raises DamagedFile, naming the first files that differ."""
-        self.seal.require()
-
-    def require_files(self) -> None:
-        """Raise DamagedFile, naming the first files, if files are missing or of another size."""
-        self.seal.require(contents=False)
-
     def array(self, name: str) -> "Records | zarr.Array":
         """One array, not read, if its files are as they were when the store was opened."""
         array = self._arrays.get(name)
@@ -111,7 +102,6 @@ class ZarrFiles:
         return Records(self.path / shard if shard in self.seal.files else None, array)
 
     def names(self) -> list[str]:
-        """Names of all arrays."""
         return [metadata.parent.name for metadata in self.path.glob(f"*/{ROOT}")]
 
 
@@ -122,9 +112,7 @@ def shard_file(name: str, array: Any) -> str:
 
 class Records:
     """A Zarr array, `array[index]` as numpy indexes: numbers and slices of leading axes read only their records.
-
-    file: of its values; None if all are the fill value, and it was not written. array: as `is_readable` takes it.
-    """
+    file: of its values; None if all are the fill value, and it was not written. array: as `is_readable` takes it."""
 
     def __init__(self, file: Path | None, array: zarr.Array):
         self.shape, self.dtype, self._fill, self._file = array.shape, array.dtype, array.fill_value, file

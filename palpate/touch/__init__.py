@@ -7,14 +7,13 @@ from palpate.lazy import lazy_exports
 
 EXPORTS = {
     "gel": ["Layer", "press"],
-    "pressing": [
-        *("LARGEST_STRAIN", "PressedReading", "face_sensor", "press_scene", "press_sensor", "press_sensors"),
-        "shade_pressed",
-    ],
     "presses": ["press_object"],
     "rays": ["RayCaster"],
-    "reading": ["TouchReading", "scene_tracer", "sense", "sense_scene"],
-    "sensor": ["PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "local_points"],
+    "reading": [
+        *("LARGEST_STRAIN", "PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "TouchReading"),
+        *("face_sensor", "local_points", "press_sensor", "press_sensors"),
+        *("scene_tracer", "sense", "sense_scene", "shade_pressed"),
+    ],
     "shading": ["DIFFUSE", "LIGHTS", "empty_reading", "impression", "normals", "shade"],
 }
 __all__, __getattr__ = lazy_exports(__name__, EXPORTS)

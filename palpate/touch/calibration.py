@@ -19,7 +19,7 @@ from palpate.atomic import atomic_write
 from palpate.configuration import ConfigError
 from palpate.sensor import Sensor, read_background
 from palpate.touch.gel import TOLERANCE, Layer, contact, face, response
-from palpate.touch.pressing import shade_pressed
+from palpate.touch.reading import shade_pressed
 from palpate.touch.shading import flattened, monomials, normals
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -73,12 +73,11 @@ def read_folder(
     untouched = [path for path in images if path.stem == "untouched"]
     if len(untouched) != 1:
         raise ConfigError(f"{folder}: expected one image named untouched, as untouched.png, got {len(untouched)}")
-    table = Path(circles or Path(folder, "circles.csv"))
+    table, indentations = Path(circles or Path(folder, "circles.csv")), []
     rows = [{"image": path.name} for path in images if path not in untouched]
     if circles or table.exists():
         with open(table, newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file, skipinitialspace=True))
-    indentations = []
     for number, row in enumerate(rows, 2):
         path = Path(folder, str(row.get("image") or "?"))
         if not path.is_file():
@@ -89,7 +88,7 @@ def read_folder(
             raise ConfigError(f"{table}, line {number}: {error}") from None
         if ball_radius and not values.keys() & {"ball_radius", "punch_radius"}:
             values["ball_radius"] = ball_radius
-        lengths = [values[key] for key in ("radius", "depth", "ball_radius", "punch_radius") if key in values]
+        lengths = [value for key, value in values.items() if key not in ("row", "column")]
         if ("ball_radius" in values) == ("punch_radius" in values) or not all(length > 0 for length in lengths):
             what = values or "nothing"
             raise ConfigError(f"{path}: expected a ball or a punch, and radii and depths above 0: {what}")
@@ -129,6 +128,12 @@ def find_circle(change: np.ndarray, ball: float) -> tuple[float, float, float]:
     return row, column, float(min(np.arange(2, max(3, WIDEST * ball), 0.25), key=misfit))
 
 
+def offsets(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray, ...]:
+    """(r, c) m of the sensor's pixels from a contact's centre, along the rows' and the columns' direction: z, y."""
+    places = zip(np.indices(sensor.resolution), indentation[1:3], sensor.pixel, strict=True)
+    return tuple((place - centre) * edge for place, centre, edge in places)
+
+
 def press_indenter(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray, float]:
     """The face (r, c), m into the gel, that an indenter with a known centre makes, and the contact's radius, m.
 
@@ -136,45 +141,37 @@ def press_indenter(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray
     without a depth goes in until the contact has its circle's area. Raises ValueError for a circle wider than the ball
     and a contact outside the image.
     """
-    layer, pixel, sag = Layer(**sensor.require_material()), sensor.pixel, sensor.face_sag
-    z, y = offsets(indentation, sensor)
+    layer, sag, (height, width) = Layer(**sensor.require_material()), sensor.face_sag, sensor.pixel
     given: tuple[Any, ...] = indentation
     _, row, column, radius, depth, ball, punch = given
+    z, y = offsets(indentation, sensor)
     away, wanted = np.hypot(y, z), 0
     if ball is None:
         gap = np.where(away <= punch, 0, np.inf)
     else:
         gap = np.where(away < ball, ball - np.sqrt(np.maximum(ball**2 - away**2, 0)), np.inf)
     if depth is None:
-        radius *= np.sqrt(pixel[0] * pixel[1])
+        radius *= np.sqrt(height * width)
         if not radius < 1.1 * ball:
             words = f"a circle of radius {1e3 * radius:.3g} mm is no contact of a ball of radius {1e3 * ball:.3g} mm"
             raise ValueError(words)
         radius = min(radius, WIDEST * ball)
         depth, wanted = radius**2 / ball, np.count_nonzero(away <= radius)  # at first the half-space's
     centre = tuple(int(np.clip(np.rint(p), 0, n - 1)) for p, n in zip((row, column), gap.shape, strict=True))
-    slopes = [slope[centre] for slope in np.gradient(sag, *pixel)]
-    gap = gap + sag - sag[centre] - slopes[0] * z - slopes[1] * y
-    moved = face(layer, gap.shape, pixel).indentation
+    along_z, along_y = (slope[centre] for slope in np.gradient(sag, *sensor.pixel))
+    gap = gap + sag - sag[centre] - along_z * z - along_y * y
+    moved = face(layer, gap.shape, sensor.pixel).indentation
     for _ in range(6):
         start = np.maximum(depth - gap, 0)
         if not start.any():
             raise ValueError("the contact lies outside the image")
-        width = np.sqrt(np.count_nonzero(start) * pixel[0] * pixel[1])
-        start /= response(np.pi / width, layer).normal
+        start /= response(np.pi / np.sqrt(np.count_nonzero(start) * height * width), layer).normal
         pressure, move, _ = contact(moved, gap - depth, None, start, TOLERANCE)
         count = np.count_nonzero(pressure)
         if not wanted or abs(wanted - count) <= 0.01 * wanted:
             break
         depth *= wanted / count
-    return move, float(np.sqrt(count * pixel[0] * pixel[1] / np.pi))
-
-
-def offsets(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
-    """(r, c) m of the sensor's pixels from a contact's centre, along the rows' and the columns' direction: z, y."""
-    z, y = np.indices(sensor.resolution)
-    assert indentation.row is not None and indentation.column is not None
-    return (z - indentation.row) * sensor.pixel[0], (y - indentation.column) * sensor.pixel[1]
+    return move, float(np.sqrt(count * height * width / np.pi))
 
 
 def calibrate(
@@ -239,48 +236,38 @@ def _place(indentation: Indentation, change: np.ndarray, sensor: Sensor) -> Inde
 
 def fit_lights(normal: np.ndarray, free: np.ndarray, change: np.ndarray) -> list[dict[str, Any]]:
     """Distant lights that explain a change of grey levels (n, 3), where normals `free` (n, 3) have become `normal`.
-
-    Each has one colour; of each colour there are as many as lower the error.
-    """
-    lights = []
-    for colour, goal in zip(np.eye(3), change.T, strict=True):
-        for vector in _one_colour(normal, free, goal):
-            strength = np.linalg.norm(vector)
-            direction = np.round(vector / strength, 5).tolist()
-            lights.append({"direction": direction, "colour": np.round(colour * strength / DIFFUSE, 5).tolist()})
-    return lights
-
-
-def _one_colour(normal: np.ndarray, free: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """(k, 3) lights of one colour for its change (n,): directions as long as their grey levels.
-
-    One by one, each begun where it explains most of what is left, then all fitted anew.
-    """
+    Each has one colour; of each colour there are as many as lower the error. One by one, each begins where it explains
+    most of what is left; then all of the colour are fitted anew."""
     from scipy.optimize import least_squares
 
     def shading(lights: np.ndarray) -> np.ndarray:
         return np.maximum(normal @ lights.T, 0) - np.maximum(free @ lights.T, 0)
 
-    def wrong(lights: np.ndarray) -> np.ndarray:
+    def wrong(lights: np.ndarray, goal: np.ndarray) -> np.ndarray:
         return shading(lights.reshape(-1, 3)).sum(axis=1) - goal
 
     up, turn = (a.ravel() for a in np.meshgrid(np.deg2rad([10, 30, 50, 70]), np.arange(0, 2 * np.pi, np.pi / 12)))
     starts = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], axis=1)
-    terms = shading(starts)
+    terms, found = shading(starts), []
     power = (terms**2).sum(axis=0) + 1e-9
-    lights, error = np.zeros((0, 3)), np.abs(goal).mean()
-    while len(lights) < MOST:
-        strength = np.maximum(-terms.T @ wrong(lights) / power, 1)
-        best = np.argmax(strength**2 * power)
-        start = np.concatenate([lights, [starts[best] * strength[best]]])
-        start[:, 2] = np.maximum(start[:, 2], 1e-6)
-        bounds = np.tile([-np.inf, -np.inf, 0], len(start)), np.inf  # none from behind the face
-        fit = least_squares(wrong, start.ravel(), bounds=bounds, loss="soft_l1", f_scale=SMALL_ERROR)
-        now = np.abs(wrong(fit.x)).mean()
-        if error - now < max(WORTH * error, LEAST):
-            break
-        lights, error = fit.x.reshape(-1, 3), now
-    return lights
+    for colour, goal in zip(np.eye(3), change.T, strict=True):
+        lights, error = np.zeros((0, 3)), np.abs(goal).mean()  # directions as long as their grey levels
+        while len(lights) < MOST:
+            strength = np.maximum(-terms.T @ wrong(lights, goal) / power, 1)
+            best = np.argmax(strength**2 * power)
+            start = np.concatenate([lights, [starts[best] * strength[best]]])
+            start[:, 2] = np.maximum(start[:, 2], 1e-6)
+            bounds = np.tile([-np.inf, -np.inf, 0], len(start)), np.inf  # none from behind the face
+            how = {"bounds": bounds, "loss": "soft_l1", "f_scale": SMALL_ERROR, "args": (goal,)}
+            fit = least_squares(wrong, start.ravel(), **how).x
+            now = np.abs(wrong(fit, goal)).mean()
+            if error - now < max(WORTH * error, LEAST):
+                break
+            lights, error = fit.reshape(-1, 3), now
+        for light in lights:
+            direction, share = light / np.linalg.norm(light), colour * np.linalg.norm(light) / DIFFUSE
+            found.append({"direction": np.round(direction, 5).tolist(), "colour": np.round(share, 5).tolist()})
+    return found
 
 
 def fit_table(
@@ -307,7 +294,6 @@ def fit_table(
 
 def write_sensor(sensor: Sensor, path: Path) -> None:
     """Write a sensor's file, and its background beside it as a PNG of the same name."""
-    path = Path(path)
     image = path.with_suffix(".png")
     with atomic_write(image) as partial:
         Image.fromarray(np.asarray(sensor.background)).save(partial)

@@ -10,6 +10,7 @@ sideways tractions, adhesion. `studies` has what they would change: docs/gel.md.
 
 from collections.abc import Callable
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -81,7 +82,7 @@ def response(wavenumber: np.ndarray, layer: Layer) -> Response:
 
 
 class Face:
-    """The responses of a layer's face on a grid of pixels, computed once for all contacts; see `face`."""
+    """The responses of a layer's face on a grid of pixels, each computed once; `face` keeps those of the last grids."""
 
     def __init__(
         self,
@@ -93,22 +94,20 @@ class Face:
     ):
         """shape: rows and columns; pixel: edges along rows' and columns' direction, m. padding: thicknesses around."""
         self.layer, self.shape, self.pixel, self.dtype = layer, shape, pixel, np.dtype(dtype)
-        around = [padding * layer.thickness / edge for edge in pixel]
-        self.padded = tuple(
-            fft.next_fast_len(int(np.ceil(n + more)), real=True) for n, more in zip(shape, around, strict=True)
-        )
+        more = (int(np.ceil(n + padding * layer.thickness / edge)) for n, edge in zip(shape, pixel, strict=True))
+        self.padded = tuple(fft.next_fast_len(n, real=True) for n in more)
 
-    def _spectrum(self, parts: Callable[[Response, np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-        """The kernel that `parts` makes of the response and the unit vector (y, z) of each wavenumber, on the grid.
+    def _kernel(self, parts: Callable[[Response, np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+        """What `parts` makes of the response and the unit vector (y, z) of each wavenumber of the grid.
 
         Multiplied by squares of sincs, since tractions are constant on pixels and displacements means over them.
         """
         steps = [2 * np.pi / edge for edge in self.pixel]
         rows = np.fft.fftfreq(self.padded[0])[:, None] * steps[0]
         columns = np.fft.rfftfreq(self.padded[1])[None] * steps[1]
-        total, orders = np.zeros(1), range(-ALIASES, ALIASES + 1)
-        for along_z, along_y in np.ndindex(2 * ALIASES + 1, 2 * ALIASES + 1):
-            z, y = rows + orders[along_z] * steps[0], columns + orders[along_y] * steps[1]
+        total: np.ndarray = np.zeros(1)
+        for order_z, order_y in product(range(-ALIASES, ALIASES + 1), repeat=2):
+            z, y = rows + order_z * steps[0], columns + order_y * steps[1]
             wavenumber = np.hypot(y, z)
             mean = np.sinc(z / steps[0]) ** 2 * np.sinc(y / steps[1]) ** 2
             unit = np.maximum(wavenumber, 1e-30)
@@ -117,12 +116,12 @@ class Face:
 
     @cached_property
     def _normal(self) -> np.ndarray:
-        return self._spectrum(lambda found, y, z: found.normal).astype(self.dtype)
+        return self._kernel(lambda found, y, z: found.normal).astype(self.dtype)
 
     @cached_property
     def _spread(self) -> np.ndarray:
         """(2, ...) of y and z, each odd along its axis, so that nothing is left at the grid's largest wavenumber."""
-        kernel = self._spectrum(lambda found, y, z: found.spread * np.stack([y, z]))
+        kernel = self._kernel(lambda found, y, z: found.spread * np.stack([y, z]))
         if self.padded[0] % 2 == 0:
             kernel[1, self.padded[0] // 2] = 0
         if self.padded[1] % 2 == 0:
@@ -134,11 +133,10 @@ class Face:
         """(3, ...) y by y, y by z (or z by y), z by z."""
 
         def parts(found: Response, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-            more = found.along - found.across
-            # At 0 the two responses are the same and no direction is meant.
+            more = found.along - found.across  # 0 at 0, where no direction is meant
             return np.stack([found.across + more * y * y, more * y * z, found.across + more * z * z])
 
-        return self._spectrum(parts).astype(self.dtype)
+        return self._kernel(parts).astype(self.dtype)
 
     def _transform(self, image: np.ndarray) -> np.ndarray:
         """The spectrum (..., rows, columns / 2 + 1); as `rfft2`, without the transforms of rows of zeros."""
@@ -163,10 +161,7 @@ class Face:
         return np.moveaxis(self._image(np.stack([yy * y + yz * z, yz * y + zz * z])), 0, -1)
 
 
-@lru_cache(maxsize=8)
-def face(layer: Layer, shape: tuple[int, int], pixel: tuple[float, float], dtype: type = np.float64) -> Face:
-    """The responses of a layer on a grid; those of the last eight are kept."""
-    return Face(layer, shape, pixel, dtype)
+face = lru_cache(maxsize=8)(Face)
 
 
 def contact(
@@ -205,11 +200,16 @@ def contact(
         square = float((inside**2).sum())
         way = inside + (square / before if before else 0.0) * way * touching
         answer = moved(way)
-        product = float((answer * way).sum())
+        work = float((answer * way).sum())
         if total is not None:
-            product -= float(answer[touching].mean()) * float(way.sum())
+            work -= float(answer[touching].mean()) * float(way.sum())
         # A contact of one pixel has no direction: its neighbours are pressed by what would close the gap alone.
-        step = float((inside * way).sum()) / product if product > 0 else 1 / _softness(moved, touching)
+        if work > 0:
+            step = float((inside * way).sum()) / work
+        else:
+            one = np.zeros(touching.shape)
+            one.flat[np.argmax(touching)] = 1
+            step = 1 / float(moved(one).flat[np.argmax(touching)])
         stepped = pressure - step * way
         pressure = np.maximum(stepped, 0)
         pressure[outside] -= step * distance[outside]
@@ -219,13 +219,6 @@ def contact(
         pressure *= scale
         move = moved(pressure) if changed else scale * (move - step * answer)
     raise NotConverged(f"the contact did not settle in {ITERATIONS} iterations: {deepest:g} m of penetration are left")
-
-
-def _softness(moved: Callable[[np.ndarray], np.ndarray], touching: np.ndarray) -> float:
-    """The motion of one pixel in contact by a unit pressure on it."""
-    one = np.zeros(touching.shape)
-    one.flat[np.argmax(touching)] = 1
-    return float(moved(one).flat[np.argmax(touching)])
 
 
 def press(
@@ -252,16 +245,13 @@ def press(
     surface = np.asarray(surface, dtype=dtype)
     allowed = np.isfinite(surface)
     if not (surface > -np.inf).all() or not allowed.any():
-        raise ValueError(
-            "expected a surface in metres, +inf where there is none, somewhere finite; got none, NaN or -inf"
-        )
+        raise ValueError("expected heights in metres, somewhere finite, +inf where nothing is; got none, NaN or -inf")
     if not (layer.thickness > 0 and layer.shear_modulus > 0 and 0 <= layer.poisson <= 0.5):
         raise ValueError(f"{layer}: expected thickness and shear modulus above 0, Poisson's ratio of 0 to 0.5")
     if not 0 < force < np.inf:
         raise ValueError(f"a force of {force} N: expected a positive number")
     gel, area = face(layer, surface.shape, tuple(pixel), dtype), pixel[0] * pixel[1]
-    first = surface[allowed].min()
-    gap = surface - first
+    gap = surface - surface[allowed].min()
     start = _start(gap, layer, force / area, area)
     pressure, indentation, approach = contact(gel.indentation, gap, force / area, start, tolerance)
     displacement = gel.spread(pressure)

@@ -3,7 +3,8 @@
 Only faces and pixels that can be in contact are traced.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,15 +14,13 @@ from palpate.surface.embree import RayMesh
 
 _MARGIN = 1e-5  # metres, of the conservative tests: far above their rounding errors
 _ORTHONORMAL = 1e-5  # of dot products of a sensor's axes: more than single precision's rounding
-# m that Embree's rays reach beyond the range and behind the sensor plane: more than its rounding.
-_SLACK = 1e-5
+_SLACK = 1e-5  # m that Embree's rays reach beyond the range and behind the sensor plane: more than its rounding
 _LARGEST = 2.0  # m across: the rounding of larger objects is too coarse for Embree
 # Sine of the angle between a face and the rays below which its plane does not give the depth: moving the ray by
 # Embree's rounding error (3e-8 m) then moves the hit by over 3e-6 m.
 _EDGE_ON = 1e-2
 _DOUBLE_ROUNDING = 1e-12  # m by which edges are widened in double precision: no ray slips through between two faces
 _NO_WIDTH = 1e-6  # sine of the angle below which a face covers no pixel: it is narrower than Embree's rounding
-
 
 Block = tuple[slice, slice]  # rows and columns of a rectangle of pixels
 
@@ -58,31 +57,26 @@ class RayCaster:
         self._rounding = max(_DOUBLE_ROUNDING, 8 * np.finfo(float).eps * far)
 
     def trace(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Depth maps (k, r, c) float32, metres, of k sensors. Raises ValueError for an invalid pose.
-
-        position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
-        """
-        origins, rotation = self._in_object_frame(position, rotation)
-        depth = np.full((len(origins), *self.sensor.resolution), np.inf, dtype=np.float32)
-        for k, origin in enumerate(origins):
-            block = self.block_in_reach(origin, rotation[k])
-            if block is not None:
-                depth[k, *block] = self._in_range(origin, rotation[k], block)
+        """Depth maps (k, r, c) float32, metres, of sensors at position (k, 3) and rotation (k, 3, 3), whose columns are
+        the frame's axes. Raises ValueError for an invalid pose."""
+        depth = np.full((len(position), *self.sensor.resolution), np.inf, dtype=np.float32)
+        for k, origin, axes, block in self._blocks(position, rotation):
+            depth[k, *block] = self._in_range(origin, axes, block)
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each, but cheaper.
-
-        Every 10th pixel in both directions is traced first. position, rotation: as for `trace`.
-        """
-        origins, rotation = self._in_object_frame(position, rotation)
-        success = np.zeros(len(origins), dtype=bool)
-        for k, origin in enumerate(origins):
-            block = self.block_in_reach(origin, rotation[k])
-            if block is not None:
-                success[k] = self.succeeds_early(origin, rotation[k], block)
-                success[k] = success[k] or np.isfinite(self._in_range(origin, rotation[k], block)).any()
+        """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each, but cheaper:
+        every 10th pixel in both directions is traced first."""
+        success = np.zeros(len(position), dtype=bool)
+        for k, *way in self._blocks(position, rotation):
+            success[k] = self.succeeds_early(*way) or np.isfinite(self._in_range(*way)).any()
         return success
+
+    def _blocks(self, position: np.ndarray, rotation: np.ndarray) -> Iterator[tuple[Any, ...]]:
+        """Number, pose in the object's own frame (two arrays), and `Block` in reach of each sensor that has one."""
+        for k, pose in enumerate(zip(*self._in_object_frame(position, rotation), strict=True)):
+            if (block := self.block_in_reach(*pose)) is not None:
+                yield k, *pose, block
 
     def is_near(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Whether any face is traced for each sensor: (...,) bool; position: (..., 3), rotation: (..., 3, 3)."""
@@ -147,12 +141,9 @@ class RayCaster:
         return near
 
     def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
-        """Depth (rows, columns) float64 of a block of pixels, up to the sensor's range; beyond it, any larger number.
-
-        origin: (3,), rotation: (3, 3) of the sensor in the object's own frame.
-        """
-        pixels = self.sensor.plane[block].reshape(-1, 3)
-        shape = self.sensor.plane[block].shape[:2]
+        """Depth (rows, columns) float64 of a block of pixels up to the sensor's range; beyond it, any larger number."""
+        plane = self.sensor.plane[block]
+        pixels, shape = plane.reshape(-1, 3), plane.shape[:2]
         depth, doubtful = self._embree_depth(origin, rotation, block)
         settled = np.zeros(len(pixels), dtype=bool)
         while doubtful.any():
@@ -164,13 +155,11 @@ class RayCaster:
 
     def _embree_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> tuple[np.ndarray, np.ndarray]:
         """Depth (n,) of a block of pixels, +inf where no face is hit; and which are doubtful (n,) bool."""
-        plane = self.sensor.plane[block]
+        plane, direction = self.sensor.plane[block], rotation[:, 0]
         pixels = plane.reshape(-1, 3)
-        depth = np.full(len(pixels), np.inf)
+        depth, doubtful = np.full(len(pixels), np.inf), np.full(len(pixels), self._large)
         if self._large:
-            return depth, np.ones(len(pixels), dtype=bool)
-        doubtful = np.zeros(len(pixels), dtype=bool)
-        direction = rotation[:, 0]
+            return depth, doubtful
         start = pixels @ rotation.T + (origin - _SLACK * direction)
         hit = self.mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
         met = np.flatnonzero(hit >= 0)
@@ -197,10 +186,8 @@ class RayCaster:
         return depth, doubtful
 
     def _exact_depth(self, pixels: np.ndarray, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Depth (n,) of the rays through `pixels` (n, 2), in double precision against every face in range.
-
-        A face seen edge-on covers no pixel; one on the sensor plane is touched, at depth 0.
-        """
+        """Depth (n,) of the rays through `pixels` (n, 2), in double precision against every face in range. A face seen
+        edge-on covers no pixel; one on the sensor plane is touched, at depth 0."""
         corners, normal = self._in_sensor_frame(self.near_faces(origin, rotation), origin, rotation)
         row_height, _ = self.sensor.pixel
         low, high = corners[:, :, 2].min(axis=1) - row_height, corners[:, :, 2].max(axis=1) + row_height

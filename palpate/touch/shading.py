@@ -5,8 +5,7 @@ and the lights' positions, which it does not give, are the sensor's (`palpate/se
 metres, so that normals are true; the supplement has x and y in sensor widths.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -40,21 +39,17 @@ def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
     deepest get their depth back: there the gel lies on the object. Then a filter of `last`. Without settings for it
     the impressions stay as they are.
     """
-    settings = sensor.smoothing
-    if not settings:
+    if not (settings := sensor.smoothing):
         return height
-    held = height > settings["held"] * height.max(axis=(-2, -1), keepdims=True)
-    result = height
-    for sigma in settings["pyramid"]:
-        result = np.where(held, height, _filtered(result, sigma, sensor))
-    return _filtered(result, settings["last"], sensor)
-
-
-def _filtered(height: np.ndarray, sigma: float, sensor: Sensor) -> np.ndarray:
-    """Heights (..., r, c) after a Gaussian filter of `sigma` metres, mirrored at the border."""
     from scipy.ndimage import gaussian_filter
 
-    return gaussian_filter(height, [sigma / edge for edge in sensor.pixel], mode="mirror", axes=(-2, -1))
+    def filtered(image: np.ndarray, sigma: float) -> np.ndarray:
+        return gaussian_filter(image, [sigma / edge for edge in sensor.pixel], mode="mirror", axes=(-2, -1))
+
+    held, result = height > settings["held"] * height.max(axis=(-2, -1), keepdims=True), height
+    for sigma in settings["pyramid"]:
+        result = np.where(held, height, filtered(result, sigma))
+    return filtered(result, settings["last"])
 
 
 def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
@@ -68,39 +63,35 @@ def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     depth = np.asarray(depth, dtype=np.float32)
     if not (depth > -np.inf).all():
         raise ValueError("expected depths in metres, +inf where nothing is in range, got NaN or -inf")
-    return shade_impression(smoothed(impression(depth, sensor), sensor), sensor)
+    return shade_impression(smoothed(impression(depth, sensor), sensor), sensor, sensor.sag)
 
 
-def shade_impression(height: np.ndarray, sensor: Sensor = DIGIT, sag: np.ndarray | None = None) -> np.ndarray:
-    """Readings (..., r, c, 3) uint8 of the gel with impressions (..., r, c), m, as they are: as `shade`.
+def shade_impression(height: np.ndarray, sensor: Sensor, sag: np.ndarray) -> np.ndarray:
+    """As `shade`, of a face (..., r, c), m into the gel, that lies `sag` (r, c), m, below its middle if undeformed."""
 
-    sag: (r, c) m that the undeformed face lies below its middle; default: `sensor.sag`.
-    """
-    height, sag = np.asarray(height, dtype=np.float32), sensor.sag if sag is None else sag
-    light = _face_light(height, sensor, sag)
+    def face_light(height: np.ndarray) -> np.ndarray:
+        surface = height.astype(np.float32) + sag.astype(np.float32)
+        return light_of(surface, normals(surface, sensor.pixel), sensor) * sensor.on_gel[..., None]
+
+    light = face_light(height)
     if sensor.background is not None:
-        light += sensor.background - _face_light(np.zeros(height.shape[-2:], np.float32), sensor, sag)
+        light += sensor.background - face_light(np.zeros(sensor.resolution))
     return np.rint(np.clip(light, 0, 255)).astype(np.uint8)
 
 
-def _face_light(height: np.ndarray, sensor: Sensor, sag: np.ndarray) -> np.ndarray:
-    """Light (..., r, c, 3) of a gel with impressions (..., r, c) and the sag (r, c), grey levels, not rounded."""
-    surface = height + sag.astype(np.float32)
-    return light_of(surface, normals(surface, sensor.pixel), sensor) * sensor.on_gel[..., None]
-
-
-def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """Readings of surfaces (..., r, c) float32 with the normals (..., r, c, 3), without a background: as `shade`.
-
-    height: metres above the plane at the sensor's range, towards the sensor plane; of a flat gel the impression.
-    """
-    return np.rint(np.clip(light_of(height, normal, sensor), 0, 255)).astype(np.uint8)
-
-
 def light_of(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """The light (..., r, c, 3) float32 of which `lit` makes readings, grey levels, neither rounded nor clipped."""
+    """Light (..., r, c, 3) float32, grey levels, of surfaces with the normals (..., r, c, 3), without a background.
+
+    height: (..., r, c) m above the plane at the sensor's range, towards the sensor plane; of a flat gel the impression.
+    """
     if table := sensor.colour_table:
-        return _table_light(normal, table, sensor)
+        # A polynomial of the normal, whose coefficients change over the image.
+        columns, rows = np.meshgrid(*(np.linspace(-1, 1, n, dtype=np.float32) for n in sensor.resolution[::-1]))
+        over_image = np.stack(list(monomials(columns, rows, table["place"], 0)), axis=-1)
+        over_normal = list(monomials(*flattened(normal, table["steepest"]), table["normal"], 1))
+        factors = np.array(table["polynomial"], dtype=np.float32).reshape(len(over_normal), over_image.shape[-1], 3)
+        terms = zip(over_normal, factors, strict=True)
+        return sensor.diffuse * sum(term[..., None] * (over_image @ own) for term, own in terms)
     rows, columns = (centres.astype(np.float32) for centres in sensor.pixel_centres)
     light = np.zeros((*height.shape, 3), dtype=np.float32)
     for place, colour, far in sensor.lamps:
@@ -113,16 +104,6 @@ def light_of(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> 
         for channel in np.flatnonzero(colour):
             light[..., channel] += np.float32(colour[channel]) * facing
     return light
-
-
-def _table_light(normal: np.ndarray, table: Mapping[str, Any], sensor: Sensor) -> np.ndarray:
-    """Light (..., r, c, 3) by a sensor's polynomial of the normal, whose coefficients change over the image."""
-    columns, rows = np.meshgrid(*(np.linspace(-1, 1, n, dtype=np.float32) for n in sensor.resolution[::-1]))
-    over_image = np.stack(list(monomials(columns, rows, table["place"], 0)), axis=-1)
-    over_normal = list(monomials(*flattened(normal, table["steepest"]), table["normal"], 1))
-    coefficients = np.array(table["polynomial"], dtype=np.float32).reshape(len(over_normal), over_image.shape[-1], 3)
-    terms = zip(over_normal, coefficients, strict=True)
-    return sensor.diffuse * sum(term[..., None] * (over_image @ own) for term, own in terms)
 
 
 def monomials(first: np.ndarray, second: np.ndarray, degree: int, lowest: int) -> Iterator[np.ndarray]:

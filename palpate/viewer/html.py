@@ -26,7 +26,6 @@ def data_uri(image: np.ndarray | Image.Image, size: int | None = None) -> str:
 
 
 def resource(name: str) -> Markup:
-    """A style, a script or a template of this package."""
     return Markup(resources.files("palpate.viewer").joinpath(name).read_text(encoding="utf-8"))
 
 

@@ -1,7 +1,6 @@
 """The page of a run, `index.html`: its objects, figures, tables, claims, trainings, times and config, to read offline.
 
-It is made of files in the run's folder alone, and can be made again at any time, also of a run in part and of one with
-failures. No engine is loaded. `index.html.jinja` lays it out and escapes all that it is given.
+It can be made again at any time, also of a run in part and of one with failures. `index.html.jinja` lays it out.
 """
 
 import csv
@@ -41,25 +40,24 @@ CURVE = (150, 34)  # width and height of a training's curve
 
 
 class Cell(NamedTuple):
-    """A table's cell. value: what a number is sorted by; kind: of a verdict, "good" or "bad"; curve: polylines of
-    SVG."""
+    """A table's cell."""
 
     text: str
-    value: float | None = None
-    kind: str = ""
-    curve: Sequence[str] = ()
+    value: float | None = None  # what a number is sorted by
+    kind: str = ""  # of a verdict, "good" or "bad"
+    curve: Sequence[str] = ()  # polylines of SVG
 
 
 class Table(NamedTuple):
-    """A table of the page. rows_in_all: those that there are; files: links to it by their suffixes."""
+    """A table of the page."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Cell]]
-    rows_in_all: int
+    rows_in_all: int  # also those that are not in the page
     name: str = ""
     caption: Markup | str = ""
     note: Markup | str = ""
-    files: Mapping[str, str] = {}
+    files: Mapping[str, str] = {}  # links to it by their suffixes
 
 
 def run_page(
@@ -69,11 +67,9 @@ def run_page(
     object_pages: int = OBJECT_PAGES,
 ) -> Path:
     """Write the page of a run; returns its path, by default `index.html` in the run's folder.
-
     pages: folder of the objects' own pages, by default `viewer` in the run's. object_pages: how many objects get one,
     the first ones of all classes in turn, if it is missing or older than their stores. What can't be read is named in
-    the page, and does not stop it.
-    """
+    the page, and does not stop it."""
     run, problems = Run(folder), []
     path, pages = Path(path or run.folder / "index.html"), Path(pages or run.folder / "viewer")
     link = partial(_link, run.folder, path.parent)
@@ -92,7 +88,8 @@ def run_page(
     shown = spread(dataset or (), PICTURED)
     whole = [record for record in shown if stages and all(path.exists() for path in _stores(record, stages))]
     for record in spread(whole, object_pages):
-        read(None, _write_object_page, pages / f"{record.name}.html", record)
+        if not _is_current(page := pages / f"{record.name}.html", record):
+            read(None, _write_object_page, page, record)
     tables = [read(None, _result, file, name, link) for name, file in _files(run.folder, "tables", "md")]
     render(
         path,
@@ -132,13 +129,11 @@ def spread(records: Iterable[ObjectRecord], most: int) -> list[ObjectRecord]:
 
 
 def _table(heads: Sequence[str], rows: Iterable[Iterable[Any]], **other: Any) -> Table:
-    """A table of cells, texts and numbers."""
     rows = list(rows)
     return Table(heads, [[_cell(value) for value in row] for row in rows[:MOST_ROWS]], len(rows), **other)
 
 
 def _cell(value: Any) -> Cell:
-    """A value as a cell; a number is sorted by."""
     if isinstance(value, int | float):
         return Cell(f"{value:,}", float(value))
     return value if isinstance(value, Cell) else Cell(str(value))
@@ -150,12 +145,10 @@ def _link(folder: Path, place: Path, *parts: str) -> str:
 
 
 def _text(path: Path) -> str:
-    """The text of a file, empty if there is none."""
     return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
 
 
 def _marked(text: str) -> Markup:
-    """A text of ours, with code between backticks."""
     return Markup(re.sub(r"(`+)(.+?)\1", r"<code>\2</code>", str(escape(text))))
 
 
@@ -167,7 +160,6 @@ def _files(folder: Path, kind: str, suffix: str) -> list[tuple[str, Path]]:
 
 
 def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
-    """A table of results: the cells and the note of its Markdown."""
     lines = _text(path).splitlines()
     cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in lines if line.startswith("|")]
     if len(cells) < 2:
@@ -226,16 +218,13 @@ def _is_current(page: Path, record: ObjectRecord) -> bool:
 
 
 def _stores(record: ObjectRecord, stages: Iterable[str]) -> list[Path]:
-    """The stores of an object's batch, whether they are there or not."""
     return [record.mesh.parents[2] / STAGES[stage].path(record.batch) for stage in stages]
 
 
 def _write_object_page(page: Path, record: ObjectRecord) -> None:
-    """Write an object's page, unless it is there and current."""
-    if not _is_current(page, record):
-        from palpate.viewer.page import object_page  # loads trimesh
+    from palpate.viewer.page import object_page  # loads trimesh
 
-        object_page(page, record)
+    object_page(page, record)
 
 
 def _warnings(folder: Path) -> list[str]:
@@ -247,8 +236,7 @@ def _warnings(folder: Path) -> list[str]:
 def _figures(folder: Path, link: Callable[..., str]) -> list[dict[str, Any]]:
     """Figures, and pictures of reports, with captions: in the page, but for GIFs, and beyond `EMBEDDED` bytes."""
     figures: list[dict[str, Any]] = []
-    used = 0
-    places = (("figures", "png"), ("figures", "gif"), ("reports", "png"))
+    used, places = 0, (("figures", "png"), ("figures", "gif"), ("reports", "png"))
     pictures = [(kind, *file) for kind, suffix in places for file in _files(folder, kind, suffix)]
     for kind, name, path in pictures:
         file = link(kind, f"{name}{path.suffix}")

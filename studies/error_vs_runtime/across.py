@@ -11,9 +11,9 @@ import numpy as np
 
 from palpate import store
 from palpate.batch import generator
-from palpate.grasp.across import AntipodalGrasper, HoldTest
+from palpate.grasp.antipodal import AntipodalGrasper
+from palpate.grasp.contacts import wrench_radius
 from palpate.grasp.grasp import BLOCKED, Grasp
-from palpate.grasp.quality import wrench_radius
 from palpate.hand import from_mjcf
 from palpate.mesh import OBJECT_POSITION, load_collision, load_visual
 from studies.error_vs_runtime.study import Method, Study, variants
@@ -41,7 +41,7 @@ def attempts(count: int, grasper: AntipodalGrasper) -> Tried:
     radii = [0.0]
     for grasp in held:
         pressed = simulation.pressed(grasp.palm_pose, grasp.joint_positions, grasp.more["servo_positions"])
-        radii.append(wrench_radius(pressed, grasper.test.friction, simulation.body.centre, length))
+        radii.append(wrench_radius(pressed, grasper.hold["friction"], simulation.body.centre, length))
     return Tried(sum(each != BLOCKED for each in results if isinstance(each, str)) + len(held), len(held), max(radii))
 
 
@@ -58,9 +58,10 @@ class AcrossStudy(Study):
         points = surface["points"][surface["object"].tolist().index(subject.name)].astype(float) - OBJECT_POSITION
         scale = SIZE / np.linalg.norm(visual.extents)
         visual.apply_scale(scale), collision.apply_scale(scale)
-        test = HoldTest(*(self.settings["hold"][key] for key in HoldTest._fields))
         self.best = None
-        return AntipodalGrasper(visual, collision, scale * points, GRIPPER, test=test, grip=GRIP)
+        return AntipodalGrasper(
+            visual, collision, scale * points, GRIPPER, hold=self.settings["hold"], only_held=True, grip=GRIP
+        )
 
     def methods(self) -> list[Method]:
         return variants("antipodal", "pairs", COUNTS, partial(partial, attempts), CHOSEN)

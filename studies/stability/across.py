@@ -10,11 +10,10 @@ import numpy as np
 import trimesh
 
 from palpate.batch import generator
-from palpate.grasp.across import AntipodalGrasper, HoldTest
+from palpate.grasp.antipodal import AntipodalGrasper
 from palpate.grasp.closing import TIMESTEP
 from palpate.grasp.contacts import contacts, on_object
-from palpate.grasp.gripping import GAIN, GripSimulation
-from palpate.grasp.hold import DIRECTIONS, GRAVITY, body_of
+from palpate.grasp.hold import GAIN, GripSimulation, body_of
 from palpate.grasp.patches import surface_patches
 from palpate.hand import MAX_PENETRATION
 from palpate.hand.model import ARM
@@ -40,16 +39,15 @@ def tried(mesh: trimesh.Trimesh, friction: float, mass: float, timestep: float) 
     """Results of some attempts by name; how far held objects move without gravity (m); the deepest grasp (m)."""
     mesh = mesh.subdivide_to_size(0.02)
     points = trimesh.sample.sample_surface(mesh, 2000, seed=0)[0]
-    test = HoldTest(friction, mass / mesh.volume, 0.02, 0.5)
-    grasper = AntipodalGrasper(mesh, mesh, points, GRIPPER, timestep, test=test, grip=GRIP, only_held=False)
+    hold = {"friction": friction, "density": mass / mesh.volume, "distance": 0.02, "duration": 0.5}
+    grasper = AntipodalGrasper(mesh, mesh, points, GRIPPER, timestep, hold=hold, grip=GRIP)
     results, moved, deepest, rng = Counter(), [], 0.0, generator(0, "stability")
     for _ in range(ATTEMPTS):
         grasp = grasper.attempt(rng)
         if isinstance(grasp, str):
             results[grasp] += 1
             continue
-        at_rest = grasp.palm_pose, grasp.joint_positions, grasp.more["servo_positions"]
-        ways = [grasper.loose_simulation.moved(*at_rest, GRAVITY * axis, 0.5, 0.02) for axis in DIRECTIONS]
+        ways = [*grasper.moved(grasp.palm_pose, grasp.joint_positions, grasp.more["servo_positions"])]
         results["holds" if max(ways) <= 0.02 else "is lost"] += 1
         moved += ways
         deepest = max(deepest, grasp.penetration)

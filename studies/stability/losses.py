@@ -28,7 +28,7 @@ from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
 from palpate.models.losses import Target, Truth, reconstruction_loss
 from palpate.models.templates import Templates
-from palpate.touch.sensor import RESOLUTION
+from palpate.touch.reading import RESOLUTION
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 from studies.subjects import Subject
 

@@ -10,11 +10,9 @@ import trimesh
 
 from palpate.batch import UnusableObject, generator
 from palpate.grasp import Grasper, closing_frames, grasp_object, grasper_type, hold_grasps
-from palpate.grasp.across import AntipodalGrasper, HoldTest
-from palpate.grasp.antipodal import CLEARANCE, opposing_points, sides_of
+from palpate.grasp.antipodal import CLEARANCE, AntipodalGrasper, opposing_points, sides_of
 from palpate.grasp.contacts import contacts, on_object
-from palpate.grasp.gripping import GAIN, GripSimulation
-from palpate.grasp.hold import GRAVITY, body_of
+from palpate.grasp.hold import GAIN, GRAVITY, GripSimulation, body_of
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.targets import Surface
 from palpate.hand import Hand, allegro, from_mjcf
@@ -25,7 +23,7 @@ from palpate.surface.embree import RayMesh
 HANDS = Path(__file__).parents[2] / "config/hands"
 GRIPPER = from_mjcf(HANDS / "wsg50.xml", HANDS / "wsg50.yaml")
 GRIP, TIMESTEP, DISTANCE = 5.0, 0.004, 0.02
-TEST = HoldTest(friction=0.8, density=100.0, distance=DISTANCE, duration=0.5)
+TEST = {"friction": 0.8, "density": 100.0, "distance": DISTANCE, "duration": 0.5}
 BOX = trimesh.creation.box((0.06, 0.03, 0.1))
 GEL = np.array([0.0406, 0, 0])  # m, the middle between the jaws' gels in the palm's frame
 
@@ -126,7 +124,7 @@ def grasped():
 
 def kinds(**changes):
     keys = {"placement": "antipodal", "object": "loose", "grip": GRIP, "keep": "hold"} | changes
-    return grasper_type(keys, TEST._asdict())
+    return grasper_type(keys, TEST)
 
 
 def grasp_across(seed=0, hand=GRIPPER, mesh=BOX, kept=2, **changes):
@@ -141,7 +139,7 @@ def again(**changes):
 
 def test_kept_grasps_hold_and_the_record_says_how_many_were_tried(grasped):
     kept = vars(grasped) | grasped.more
-    found = hold_grasps(again(), BOX, kept, None, **TEST._asdict())
+    found = hold_grasps(again(), kept, None)
     assert (found["held"] == 1).all() and (found["moved"] <= DISTANCE).all()
     assert (found["wrench_radius"] >= 0).all() and ((found["cone_margin"] > 0) & (found["cone_margin"] <= 1)).all()
     assert len(grasped.touches) <= grasped.made <= grasped.attempts
@@ -203,11 +201,12 @@ def test_surface_placement_draws_and_closes_as_before():
         expected += [result] * (not isinstance(result, str))
     expected.sort(key=lambda grasp: -grasp.touches.sum())
     np.testing.assert_array_equal(found.joint_positions, [each.joint_positions for each in expected])
-    assert not found.more and grasper_type({"placement": "surface", "keep": "touches"}, {}) is Grasper
+    plain = grasper_type({"placement": "surface", "keep": "touches"}, {})
+    assert not found.more and plain.func is Grasper and not plain.keywords["only_held"]
 
 
 def test_keep_hold_is_also_for_grasps_on_the_surface():
-    kind = grasper_type({"placement": "surface", "keep": "hold"}, TEST._asdict())
+    kind = grasper_type({"placement": "surface", "keep": "hold"}, TEST)
     with pytest.raises(UnusableObject, match="does not hold"):
         grasp_object(
             BOX, BOX, points_of(BOX).points + OBJECT_POSITION, GRIPPER, generator(0, "box"), 1, 1, 5, grasper_type=kind
@@ -226,7 +225,7 @@ def test_sides_are_the_thumbs_the_open_hands_or_those_of_the_file():
 
 def test_the_allegro_holds_a_bar_between_thumb_and_fingers():
     bar = trimesh.creation.box((0.03, 0.03, 0.12)).subdivide()
-    kind = partial(AntipodalGrasper, test=TEST, grip=GRIP)
+    kind = partial(AntipodalGrasper, hold=TEST, only_held=True, grip=GRIP)
     found = grasp_object(
         bar, bar, points_of(bar).points + OBJECT_POSITION, allegro(), generator(0, "bar"), 1, 1, 40, grasper_type=kind
     )

@@ -1,5 +1,6 @@
 """Whether a hand holds an object: a pinched box in closed form, masses, and what a label says."""
 
+from functools import partialmethod
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from palpate.batch import generator
-from palpate.grasp import Grasper, grasp_object, hold, hold_grasps
+from palpate.grasp import Grasper, grasp_object, hold_grasps
 from palpate.grasp.hold import GRAVITY, HoldSimulation, body_of
 from palpate.grasp.patches import surface_patches
 from palpate.hand import allegro, from_mjcf
@@ -103,9 +104,9 @@ def kept():
     return vars(grasp_object(BAR, BAR, POINTS, HAND, generator(0, "bar"), per_object=3, attempts=5, thumb_share=1.0))
 
 
-def held(kept, **changes):
-    grasper = Grasper(BAR, BAR, POINTS - OBJECT_POSITION, HAND, thumb_share=1.0)
-    return hold_grasps(grasper, BAR, kept, generator(0, "bar"), **(KEYS | changes))
+def held(kept, seed=0, remedy="", **changes):
+    grasper = Grasper(BAR, BAR, POINTS - OBJECT_POSITION, HAND, thumb_share=1.0, hold=KEYS | changes)
+    return hold_grasps(grasper, kept, generator(seed, "bar"), remedy)
 
 
 def test_labels_follow_from_what_moved(kept):
@@ -135,7 +136,7 @@ def test_what_the_engine_cannot_simulate_is_not_a_label(kept, monkeypatch):
             if self.model.opt.gravity[0] > 0:
                 self.data.qvel[:] = np.nan
 
-    monkeypatch.setattr(hold, "HoldSimulation", Spoiled)
+    monkeypatch.setattr(Grasper, "loose", partialmethod(Grasper.loose, Spoiled))
     found = held(kept)
     assert (found["held"] == -1).all() and (found["held_along"][:, 0] == -1).all()
     assert np.isinf(found["moved"][:, 0]).all() and np.isfinite(found["moved"][:, 1:]).all()
@@ -143,6 +144,5 @@ def test_what_the_engine_cannot_simulate_is_not_a_label(kept, monkeypatch):
 
 
 def test_grasps_of_another_seed_are_an_error(kept):
-    grasper = Grasper(BAR, BAR, POINTS - OBJECT_POSITION, HAND, thumb_share=1.0)
     with pytest.raises(DamagedFile, match="make them again"):
-        hold_grasps(grasper, BAR, kept, generator(1, "bar"), remedy="make them again", **KEYS)
+        held(kept, seed=1, remedy="make them again")

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from palpate.grasp.contacts import OBJECT, Contacts
-from palpate.grasp.quality import EDGES, cone_margin, wrench_radius
+from palpate.grasp.contacts import EDGES, OBJECT, Contacts, cone_margin, wrench_radius
 
 
 def contacts(position, normal, force):

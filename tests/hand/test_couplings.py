@@ -224,7 +224,7 @@ def test_inverse_kinematics_move_drivers_and_what_follows_them(tmp_path):
     np.testing.assert_allclose(hand.follow(workspace.configurations), workspace.configurations)
     joints, step = hand.follow(np.array([0.3, 0.5, 0])), 1e-6
     goal = np.zeros((1, 3))
-    _, jacobian = workspace._linearised(joints, goal, goal)
+    _, jacobian = workspace.linearised(joints, goal, goal)
     assert (jacobian[..., 2] == 0).all()
     for joint in (0, 1):
         ends = []

@@ -12,7 +12,7 @@ from palpate.interchange import export
 
 def test_rows_are_the_grasps(built, tmp_path, monkeypatch):
     parquet = pytest.importorskip("pyarrow.parquet", reason="no pyarrow here (envs/parquet.in)")
-    monkeypatch.setattr("palpate.interchange.parquet.ROWS", 1)  # so that a split is written in parts
+    monkeypatch.setattr("palpate.interchange.layouts.ROWS", 1)  # so that a split is written in parts
     dataset = palpate.Dataset(built)
     assert export(dataset, tmp_path / "out", "parquet") == 6
     for split in ("train", "validation", "test"):

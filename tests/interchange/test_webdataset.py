@@ -34,7 +34,7 @@ def picture(data):
 
 @pytest.mark.parametrize("shard_bytes", [1, 10**9])
 def test_samples_are_the_grasps(built, tmp_path, monkeypatch, shard_bytes):
-    monkeypatch.setattr("palpate.interchange.webdataset.SHARD_BYTES", shard_bytes)
+    monkeypatch.setattr("palpate.interchange.layouts.SHARD_BYTES", shard_bytes)
     dataset = palpate.Dataset(built)
     assert export(dataset, tmp_path / "out") == 6
     with (tmp_path / "out/grasps.csv").open() as file:

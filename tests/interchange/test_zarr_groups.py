@@ -9,7 +9,7 @@ from palpate.interchange import export
 
 
 def test_arrays_are_those_of_the_items_with_names_of_their_axes(built, tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.interchange.zarr_groups.ROWS", 1)  # so that rows are appended
+    monkeypatch.setattr("palpate.interchange.layouts.CHUNK", 1)  # so that rows are appended
     dataset = palpate.Dataset(built)
     assert export(dataset, tmp_path / "out", "zarr") == 6
     for split in palpate.catalogue.SPLITS:

@@ -167,11 +167,3 @@ def test_points_lay_their_layers_as_the_papers_tables_do():
     assert tuning.layers_of_blocks(15) == [4, 4, 4, 3]
     with pytest.raises(ConfigError, match="6 CNN layers"):
         tuning.layers_of_blocks(6)
-
-
-def test_the_table_of_a_grid_has_the_best_first():
-    points = [{"rate": 1.0}, {"rate": 2.0}]
-    said = {"best_step": 5, "steps": 9, "seconds": 3.0, "parameters": 7, "kind": "x"}
-    rows = tuning.summary(points, [said | {"validation_loss": 4.0}, said | {"validation_loss": 2.0}])
-    assert [row["rate"] for row in rows] == [2.0, 1.0]
-    assert "kind" not in rows[0] and rows[0]["seconds"] == 3.0

@@ -22,7 +22,7 @@ from palpate.learning.touch_charts import (
 )
 from palpate.models import TouchDepth
 from palpate.touch import SENSOR_RANGE, empty_reading, local_points, shade
-from palpate.touch.sensor import PIXEL_CENTRES
+from palpate.touch.reading import PIXEL_CENTRES
 from tests.learning.test_data import ATTRIBUTES
 
 Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)

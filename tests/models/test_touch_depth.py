@@ -6,7 +6,7 @@ from torch.nn import functional
 
 from palpate.models import TouchDepth
 from palpate.models.touch_depth import IMPRESSION
-from palpate.touch.sensor import SENSOR_RANGE
+from palpate.touch.reading import SENSOR_RANGE
 
 
 def by_the_table(model, reading):

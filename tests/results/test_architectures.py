@@ -12,11 +12,16 @@ from palpate.experiments import Experiment
 from palpate.models import Reconstruction, TouchDepth
 from palpate.models.gcn import ZeroNeighbourLayer
 from palpate.models.layers import ConvolutionBlock
-from palpate.results.architectures import architecture, compare, paper_rows, read_layers
+from palpate.results import published
+from palpate.results.architectures import architecture, compare, read_layers
 from palpate.results.tables import write_table
 
 TABLES = ["touch_depth", *PAPER_ARCHITECTURES]
 IMAGE = torch.rand(1, 3, 256, 256)
+
+
+def paper_rows(file, model):
+    return [row for row in published.paper_rows(file) if row["model"] == model]
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.image import imread
 
 from palpate.charts import vision_atlas
-from palpate.results.atlas import chart_colours, draw
+from palpate.results.model_figures import chart_colours, draw
 
 
 def test_charts_that_share_a_side_differ_in_colour():

@@ -5,7 +5,7 @@ from PIL import Image
 
 from palpate.learning import checkpoints
 from palpate.models import TouchDepth
-from palpate.results import local_predictions as figure
+from palpate.results import model_figures as figure
 
 
 @pytest.fixture(scope="module")

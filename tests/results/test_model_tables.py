@@ -290,3 +290,12 @@ def test_the_single_image_table_parts_what_is_measured_from_what_is_cited(evalua
     assert cited[["chamfer_low", "objects", "seeds", "steps"]].isna().all(axis=None)
     lines = (tmp_path / "single_image.md").read_text().splitlines()[2:15]
     assert [line.split("|")[1].strip() for line in lines] == table["source"].tolist()
+
+
+def test_the_table_of_a_grid_has_the_best_first():
+    points = [{"rate": 1.0}, {"rate": 2.0}]
+    said = {"best_step": 5, "steps": 9, "seconds": 3.0, "parameters": 7, "kind": "x"}
+    said |= {"machine": {"found": "cpu"}, "validated": 4}
+    table = tables.tuning(points, [said | {"validation_loss": 4.0}, said | {"validation_loss": 2.0}])
+    assert list(table["rate"]) == [2.0, 1.0]
+    assert "kind" not in table and table["seconds"][0] == 3.0

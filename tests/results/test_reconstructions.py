@@ -10,8 +10,8 @@ from palpate.learning import checkpoints
 from palpate.learning.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Shape
 from palpate.models import TouchDepth
 from palpate.models.templates import Templates
+from palpate.results import model_figures as figure
 from palpate.results import products
-from palpate.results import reconstructions as figure
 from tests.learning.synthetic import DECLARED
 from tests.models.batches import SMALL
 

@@ -9,10 +9,9 @@ from PIL import Image
 from palpate.command import main
 from palpate.configuration import ConfigError
 from palpate.sensor import Sensor, load
-from palpate.touch import shade_pressed
+from palpate.touch import press_sensor, shade_pressed
 from palpate.touch.calibration import calibrate, find_circle, press_indenter, read_folder, write_sensor
 from palpate.touch.gel import Layer, press
-from palpate.touch.pressing import press_sensor
 
 LIGHTS = [
     {"direction": [0.8, 0.1, 0.6], "colour": [0.6, 0, 0]},
@@ -116,7 +115,7 @@ def test_a_press_of_a_stated_force_reads_as_the_real_image(sensor, pressed, fold
     found = calibrate(folder, unlit(sensor), BALL)
     row, column, force = PRESSES[1]
     depth = BALL - np.sqrt(np.maximum(BALL**2 - away(sensor, row, column) ** 2, 0))
-    reading = press_sensor(np.where(away(sensor, row, column) < BALL, depth, np.inf), found.sensor, force).reading
+    reading = press_sensor(np.where(away(sensor, row, column) < BALL, depth, np.inf), found.sensor, force)["reading"]
     real = np.asarray(Image.open(folder / "1.png")).astype(float)
     assert np.abs(reading - real).mean() < 0.2
 

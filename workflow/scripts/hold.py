@@ -33,7 +33,7 @@ def let_go(row: int, name: str) -> dict:
     kept = {array: values[row] for array, values in grasps.items() if len(values) == len(grasps["object"])}
     grasper = grasper_type(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
     draw, remedy = generator(seed, name, "grasps"), rebuild_advice(inputs.grasps)
-    outcome = grasp.hold_grasps(grasper, collision, kept, draw, remedy=remedy, **params.hold)
+    outcome = grasp.hold_grasps(grasper, kept, draw, remedy)
     unknown = (outcome["held_along"] < 0).sum()
     log.info("%s: %d of %d grasps hold", name, (outcome["held"] == 1).sum(), len(outcome["held"]))
     if unknown:

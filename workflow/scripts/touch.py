@@ -37,10 +37,12 @@ def sense(name: str) -> dict[str, np.ndarray]:
     arrays = {"position": scene.sensor_position, "rotation": scene.sensor_rotation, **sensed._asdict()}
     if pressed:
         force = np.where(sensed.success, grasps["pad_force"][row], 0)
-        readings, thickness = touch.press_scene(scene, sensor, force), sensor.material["thickness"]
+        tracer = touch.scene_tracer(scene, touch.face_sensor(sensor))
+        readings = touch.press_sensors(tracer, sensor, scene.sensor_position, scene.sensor_rotation, force)
         readings["reading"][~sensed.success] = 0
-        arrays |= {key: array for key, array in readings.items() if array is not None}
-        if (deepest := float((readings["approach"] / thickness).max())) > touch.LARGEST_STRAIN:
+        strain = readings.pop("strain")
+        arrays |= readings
+        if (deepest := float(strain.max())) > touch.LARGEST_STRAIN:
             log.warning(
                 "%s: a gel is pressed in by %.2f of its thickness; linear theory holds up to about %g",
                 *(name, deepest, touch.LARGEST_STRAIN),

@@ -2,15 +2,15 @@
 
 import trimesh
 
-from palpate.grasp.across import AntipodalGrasper, HoldTest
+from palpate.grasp.antipodal import AntipodalGrasper
 from studies.error_vs_runtime.across import COUNTS, GRIP, GRIPPER, AcrossStudy, attempts
 
 
 def test_the_best_grasp_is_that_of_all_pairs():
     bar = trimesh.creation.capsule(0.1, 0.015)
     points = trimesh.sample.sample_surface(bar, 2000, seed=0)[0]
-    test = HoldTest(0.8, 100.0, 0.02, 0.2)
-    case = AntipodalGrasper(bar, bar, points, GRIPPER, test=test, grip=GRIP)
+    hold = {"friction": 0.8, "density": 100.0, "distance": 0.02, "duration": 0.2}
+    case = AntipodalGrasper(bar, bar, points, GRIPPER, hold=hold, only_held=True, grip=GRIP)
     study = AcrossStudy(settings={"hold": {}})
     study.best = attempts(COUNTS[2], case).best
     few, more = (attempts(count, case) for count in COUNTS[1:3])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.grasp.gripping import GripSimulation
+from palpate.grasp.hold import GripSimulation
 from studies.stability.across import CASES, OBJECTS, tried
 from studies.stability.cases import FAILS, HOLDS, examine
 

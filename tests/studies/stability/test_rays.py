@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from palpate.touch import rays as caster
-from palpate.touch import sensor, shading
+from palpate.touch import reading, shading
 from studies.stability import rays
 from studies.stability.cases import FAILS, HOLDS, REJECTED, examine
 from studies.subjects import Subject
@@ -49,7 +49,7 @@ NAIVE = {
     "surface on the sensor plane": (caster, "_SLACK", 0.0),
     "surface exactly at the range limit": (caster.RayCaster, "_in_range", unlimited),
     "steep steps in the impression": (shading, "light_of", too_bright),
-    "float32 far from the origin": (sensor, "FURTHEST", np.inf),
+    "float32 far from the origin": (reading, "FURTHEST", np.inf),
     "object much larger than the sensor": (caster, "_LARGEST", np.inf),
 }
 
