@@ -75,11 +75,11 @@ from palpate.mesh import OBJECT_POSITION
 folder = sys.argv[1]
 dataset = palpate.Dataset(folder)
 assert "reach" in dataset.stages, dataset.stages
-for item, stored in zip(dataset, dataset.array("reach", "palm_distance"), strict=True):
+for item, stored in zip(dataset, dataset.array("reach", "palm_distance")[:], strict=True):
     distances = [np.linalg.norm(grasp.palm_pose[:3, 3] - OBJECT_POSITION) for grasp in item.grasps]
     assert np.allclose([grasp.palm_distance for grasp in item.grasps], distances, rtol=1e-6)
     assert np.allclose(stored, distances, rtol=1e-6)
-    assert (item.corner >= item.points.max(axis=0)).all() and "Of the reach store" in type(item).corner.__doc__
+    assert (item.corner + 1e-6 >= item.points.max(axis=0)).all() and "Of the reach store" in type(item).corner.__doc__
 assert "reach" in {stage for stage, _ in dataset.digests()}
 assert {"corner", "palm_distance"} <= {*dataset.grasps()[0]}
 assert export(dataset, folder + "/shared", "zarr") == len(dataset.grasps())
