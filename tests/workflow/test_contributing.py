@@ -128,7 +128,7 @@ def test_a_new_table_is_one_function_and_a_new_stage_is_a_row_a_rule_and_a_scrip
             table.write(rows)
     (tmp_path / "workflow/rules/reach.smk").write_text(RULE)
     (tmp_path / "workflow/scripts/reach.py").write_text(SCRIPT)
-    settings = "--configfile", str(finished.config), "--config", "results=results"
+    settings = "--configfile", str(finished.config), "--config", "results=results", "figures=false"
     run("-m", "snakemake", "--cores", "2", "dataset", *settings)
     made = pd.read_csv(folder / "tables/touches_of_classes.csv").set_index("class")["touches"]
     counted = palpate.Dataset(finished.run).table().groupby("class")["touches"].sum()
