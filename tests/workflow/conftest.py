@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,9 +19,15 @@ import trimesh
 import yaml
 
 from snakemake_logger_plugin_palpate import INTERRUPTED
-from workflow.run import lock
+from workflow.run import hooks, lock
 
 PROJECT = Path(__file__).parents[2]
+# One grasp and a small image an object.
+SMALL = {
+    "surface": {"points": 500},
+    "grasps": {"per_object": 1, "attempts": 1},
+    "vision": {"size": 32, "samples": 1, "device": "cpu"},
+}
 EVERY_SPLIT = {"train": 39, "validation": 31, "test": 30}  # each has some of the two classes' objects
 
 
@@ -40,18 +47,23 @@ def captured():
                 os.close(descriptor)
 
 
-def run_snakemake(project: Path, *arguments: str, cores: int = 2, python_path: str = "") -> subprocess.CompletedProcess:
+def run_snakemake(
+    project: Path, *arguments: str, cores: int = 2, python_path: str = "", object_pages: bool = False
+) -> subprocess.CompletedProcess:
     """Snakemake's command in this process: it saves the start of a Python and its imports. Jobs are processes anyway.
 
-    python_path: further places for the jobs' Python to look in.
+    python_path: further places for the jobs' Python to look in. object_pages: whether the run's end writes those of its
+    objects, too, which take longer than many a job.
     """
     command = ["snakemake", "--snakefile", str(project / "Snakefile"), "--cores", str(cores), *arguments]
     environment = {"PYTHONPATH": f"{python_path}:{project}"} if python_path else {}
+    write_page = hooks._write_page
     handlers = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
     with (
         mock.patch.dict(os.environ, environment),
         mock.patch("sys.argv", command),
         mock.patch.object(lock, "_held", []) as held,
+        mock.patch.object(hooks, "_write_page", lambda run, most, *rest: write_page(run, object_pages * most, *rest)),
         contextlib.chdir(project),
         captured() as streams,
     ):
@@ -97,9 +109,10 @@ class Workflow:
         snakemake = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
         return [*snakemake, "--cores", "2", *arguments, "--configfile", str(self.config)]
 
-    def __call__(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
+    def __call__(self, *arguments: str, **options) -> subprocess.CompletedProcess:
+        """options: as of `run_snakemake`."""
         settings = *arguments, "--configfile", str(self.config)
-        return run_snakemake(PROJECT, *settings, cores=cores, python_path=self.python_path)
+        return run_snakemake(PROJECT, *settings, python_path=self.python_path, **options)
 
     def jobs(self, *targets: str) -> list[Job]:
         """The jobs that a dry run would run."""
@@ -125,6 +138,12 @@ class Workflow:
         path = self.config.with_name("changed.yaml")
         path.write_text(yaml.safe_dump(yaml.safe_load(self.config.read_text()) | config, sort_keys=False))
         return Workflow(path, self.run)
+
+    def copied(self, folder: Path, **config) -> "Workflow":
+        """A copy of the run in a folder, with other values for some keys of its config."""
+        settings = yaml.safe_load(self.config.read_text()) | {"results": str(folder)} | config
+        (folder / "config.yaml").write_text(yaml.safe_dump(settings, sort_keys=False))
+        return Workflow(folder / "config.yaml", shutil.copytree(self.run, folder / self.run.name))
 
     def kill_when(self, path: str, *arguments: str) -> None:
         """Start the workflow and kill it, with every process that it started, as soon as `path` exists."""
@@ -184,6 +203,30 @@ def make_workflow(tmp_path_factory):
 def finished(make_workflow):
     """A dataset that has been built whole."""
     workflow = make_workflow(split=EVERY_SPLIT)
-    result = workflow("dataset", "validate")
+    result = workflow("dataset", "validate", object_pages=True)
+    assert result.returncode == 0, result.stderr
+    return workflow
+
+
+VIEWS = {"count": 3, "size": 48, "samples": 1}
+PRESSES = {"count": 2, "forces": [1, 3], "tilt": 0.1, "slide": 1e-4}
+
+
+@pytest.fixture(scope="session")
+def extended(finished, tmp_path_factory):
+    """A copy of it, with views and presses."""
+    workflow = finished.copied(tmp_path_factory.mktemp("extended"), views=VIEWS, press=PRESSES)
+    result = workflow("views/batch-0000.zarr", "press/batch-0000.zarr", "tables/presses.csv")
+    assert result.returncode == 0, result.stderr
+    return workflow
+
+
+@pytest.fixture(scope="session")
+def one_by_one(make_workflow):
+    """The cans alone, on one core, a batch each; views of the first."""
+    cans = [{"class": "can", "objects": "all"}]
+    workflow = make_workflow(batch_size=1, classes=cans, views=VIEWS | {"count": 2})
+    # The tables need every store, and no figure.
+    result = workflow("catalogue.csv", "rejected.csv", "views/batch-0000.zarr", cores=1)
     assert result.returncode == 0, result.stderr
     return workflow

@@ -1,32 +1,14 @@
-"""Tables and figures as the workflow takes them from their functions: captions, and one that is new."""
+"""Tables and figures as the workflow takes them from their functions: captions and order."""
 
-import os
 import re
-import shutil
-import subprocess
-import sys
 
-import pandas as pd
 import pytest
 
-from palpate import Dataset
 from palpate.results.products import caption, position
 from tests.workflow.conftest import PROJECT, run_snakemake
 
 KINDS = (("tables", "csv"), ("figures", "png"))
 DATASET = ["dataset_statistics", "grasp_success"]
-NEW = '''
-import pandas as pd
-
-from palpate.results import products
-
-
-@products.table(stores=("touch",), category="Dataset")
-def touches_of_classes(dataset):
-    """Successful touches of each class."""
-    counts = {name: dataset.of_class(name).array("touch", "success")[:].sum() for name in dataset.classes}
-    return pd.DataFrame(counts.items(), columns=["class", "touches"])
-'''
 
 
 def test_every_table_and_figure_has_a_caption_of_its_own():
@@ -63,31 +45,3 @@ def test_snakemakes_report_has_the_docstrings(finished, tmp_path):
     # In its HTML: code between tags.
     assert "Size of the dataset by class and in total, how many objects each split has" in report
     assert re.search(r">successful_low<|\\u003esuccessful_low\\u003c", report) and "Examples of class can," in report
-
-
-def test_a_new_table_is_one_function(finished, tmp_path):
-    """In a copy of the project and of a run: nothing but the function names it, and the workflow makes it."""
-    run = shutil.copytree(finished.run, tmp_path / "results" / finished.run.name)
-    for name in ("workflow", "config", "envs", "profiles", "studies", "snakemake_logger_plugin_palpate"):
-        (tmp_path / name).symlink_to(PROJECT / name)
-    shutil.copytree(PROJECT / "palpate", tmp_path / "palpate", ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "palpate/results/own.py").write_text(NEW)
-    shutil.copy(PROJECT / "Snakefile", tmp_path)  # its folder is the project's
-    options = ["--cores", "1", "--rerun-triggers", "mtime", "--configfile", str(finished.config)]
-    options += ["--config", f"results={tmp_path / 'results'}"]
-    for target in (["dataset", "--dry-run"], ["tables/touches_of_classes.tex"]):
-        result = subprocess.run(
-            [sys.executable, "-m", "snakemake", *target, *options],
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            timeout=600,
-        )
-        assert result.returncode == 0, result.stderr
-        if "--dry-run" in target:
-            assert "tables/touches_of_classes.csv" in result.stdout  # `dataset` makes it
-    made = pd.read_csv(run / "tables/touches_of_classes.csv").set_index("class")["touches"]
-    dataset = Dataset(finished.run)
-    touched = {record.name: sum(grasp.success.sum() for grasp in record.grasps) for record in dataset}
-    assert made["can"] == sum(count for name, count in touched.items() if dataset[name].class_name == "can") > 0

@@ -1,4 +1,4 @@
-"""A new table and a new stage, exactly as CONTRIBUTING.md says, in copies of the checkout."""
+"""A new table and a new stage, exactly as CONTRIBUTING.md says, in a copy of the checkout and of a run."""
 
 import json
 import os
@@ -7,8 +7,9 @@ import shutil
 import subprocess
 import sys
 
-import pytest
+import pandas as pd
 
+import palpate
 from tests.workflow.conftest import PROJECT
 
 CONTRIBUTING = (PROJECT / "CONTRIBUTING.md").read_text()
@@ -74,25 +75,36 @@ from palpate.mesh import OBJECT_POSITION
 folder = sys.argv[1]
 dataset = palpate.Dataset(folder)
 assert "reach" in dataset.stages, dataset.stages
-(item,) = dataset
-distances = [np.linalg.norm(grasp.palm_pose[:3, 3] - OBJECT_POSITION) for grasp in item.grasps]
-assert np.allclose([grasp.palm_distance for grasp in item.grasps], distances, rtol=1e-6)
-assert np.allclose(dataset.array("reach", "palm_distance")[0], distances, rtol=1e-6)
-assert (item.corner >= item.points.max(axis=0)).all() and "Of the reach store" in type(item).corner.__doc__
+for item, stored in zip(dataset, dataset.array("reach", "palm_distance")[:], strict=True):
+    distances = [np.linalg.norm(grasp.palm_pose[:3, 3] - OBJECT_POSITION) for grasp in item.grasps]
+    assert np.allclose([grasp.palm_distance for grasp in item.grasps], distances, rtol=1e-6)
+    assert np.allclose(stored, distances, rtol=1e-6)
+    assert (item.corner + 1e-6 >= item.points.max(axis=0)).all() and "Of the reach store" in type(item).corner.__doc__
 assert "reach" in {stage for stage, _ in dataset.digests()}
 assert {"corner", "palm_distance"} <= {*dataset.grasps()[0]}
-assert export(dataset, folder + "/shared", "zarr") == len(item.grasps)
+assert export(dataset, folder + "/shared", "zarr") == len(dataset.grasps())
 assert main(["validate", folder]) in (0, None)
 """
 
 
-@pytest.fixture
-def checkout(tmp_path):
-    """A copy of the checkout, and a function that runs a command of Python in it, on its own library."""
+TABLE = '''
+
+@products.table(stores=("touch",), category="Dataset")
+def touches_of_classes(dataset):
+    """Successful touches of each class."""
+    counts = {name: dataset.of_class(name).array("touch", "success")[:].sum() for name in dataset.classes}
+    return pd.DataFrame(counts.items(), columns=["class", "touches"])
+'''
+
+
+def test_a_new_table_is_one_function_and_a_new_stage_is_a_row_a_rule_and_a_script(finished, tmp_path):
+    """The table of the text, of models, and one of the dataset. Nothing but the functions names them."""
     for name in COPIED:
         ignored = shutil.ignore_patterns("__pycache__", "images", "evidence", "results")
         shutil.copytree(PROJECT / name, tmp_path / name, symlinks=True, ignore=None if name == "palpate" else ignored)
     shutil.copyfile(PROJECT / "Snakefile", tmp_path / "Snakefile")
+    folder = shutil.copytree(finished.run, tmp_path / "results" / finished.run.name)
+    before = {path for path in tmp_path.rglob("*") if path.is_file()}
 
     def run(*arguments: str) -> str:
         environment = os.environ | {"PYTHONPATH": str(tmp_path)}
@@ -101,38 +113,33 @@ def checkout(tmp_path):
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
-    return tmp_path, run
-
-
-def test_a_new_table_is_one_function(checkout):
-    """That of the text, in a module of its own; `all` makes it, too."""
-    folder, run = checkout
     (function,) = re.findall(r"```python\n(@products\.table.*?)```", CONTRIBUTING, re.DOTALL)
-    (folder / "palpate/results/own.py").write_text(f"from palpate.results import products\n\n\n{function}")
-    smoke = "--configfile", "config/smoke.yaml", "--config", f"results={folder}/results"
+    own = "palpate/results/own.py"
+    (tmp_path / own).write_text(f"import pandas as pd\n\nfrom palpate.results import products\n\n\n{function}{TABLE}")
+    smoke = "--configfile", "config/smoke.yaml", "--config", "results=smoke"
     asked = "tables/worst_objects.csv", "all"
     planned = [run("-m", "snakemake", "--dry-run", "--cores", "1", target, *smoke) for target in asked]
     assert all(re.search(r"output: tables/worst_objects\.csv, .*\.md, .*\.tex", text) for text in planned)
     assert "evaluations/charts_occluded/seed-0.csv" in planned[0] and "tables/grasps.csv" not in planned[0]
+    assert "tables/touches_of_classes.csv" in planned[1]
 
-
-def test_a_new_stage_is_a_row_a_rule_and_a_script(checkout):
-    folder, run = checkout
-    before = {path for path in folder.rglob("*") if path.is_file()}
     for file, rows in {"stages.yaml": ROW, "store/contract.csv": ARRAYS}.items():
-        with (folder / "palpate" / file).open("a") as table:
+        with (tmp_path / "palpate" / file).open("a") as table:
             table.write(rows)
-    (folder / "workflow/rules/reach.smk").write_text(RULE)
-    (folder / "workflow/scripts/reach.py").write_text(SCRIPT)
-    settings = "results=results", "figures=false", "classes=[{class: bottle, objects: 1}]"
-    run("-m", "snakemake", "--cores", "2", "dataset", "--configfile", "config/smoke.yaml", "--config", *settings)
-    run("-c", READ, "results/smoke")
-    made = {path.relative_to(folder).as_posix() for path in {*folder.rglob("*")} - before if path.is_file()}
-    sources = {path for path in made if path.startswith(("palpate/", "workflow/")) and "__pycache__" not in path}
-    assert sources == {"workflow/rules/reach.smk", "workflow/scripts/reach.py"}
-    checked = (folder / "results/smoke/reports/validation.csv").read_text()
-    assert re.search(r"^finite,reach,batch-0000,1,0\.0,0\.0,True,", checked, re.MULTILINE), checked
-    exported = folder / "results/smoke/shared"
-    assert json.loads(next(exported.glob("*.zarr/corner/zarr.json")).read_text())["shape"] == [5, 3]
+    (tmp_path / "workflow/rules/reach.smk").write_text(RULE)
+    (tmp_path / "workflow/scripts/reach.py").write_text(SCRIPT)
+    settings = "--configfile", str(finished.config), "--config", "results=results", "figures=false"
+    run("-m", "snakemake", "--cores", "2", "dataset", *settings)
+    made = pd.read_csv(folder / "tables/touches_of_classes.csv").set_index("class")["touches"]
+    counted = palpate.Dataset(finished.run).table().groupby("class")["touches"].sum()
+    assert made["can"] == counted["can"] > 0 and (folder / "tables/touches_of_classes.tex").exists()
+    run("-c", READ, str(folder))
+    files = {path.relative_to(tmp_path).as_posix() for path in {*tmp_path.rglob("*")} - before if path.is_file()}
+    sources = {path for path in files if path.startswith(("palpate/", "workflow/")) and "__pycache__" not in path}
+    assert sources == {own, "workflow/rules/reach.smk", "workflow/scripts/reach.py"}
+    checked = (folder / "reports/validation.csv").read_text()
+    assert re.search(r"^finite,reach,batch-0000,3,0\.0,0\.0,True,", checked, re.MULTILINE), checked
+    shape = json.loads(next((folder / "shared").glob("*.zarr/corner/zarr.json")).read_text())["shape"]
+    assert shape == [5, 3]  # an object a split
     run("workflow/schemas/document.py")
-    assert "| reach | `palm_distance` | (o, g) | float32 | m |" in (folder / "docs/dataset.md").read_text()
+    assert "| reach | `palm_distance` | (o, g) | float32 | m |" in (tmp_path / "docs/dataset.md").read_text()

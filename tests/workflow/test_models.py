@@ -1,6 +1,7 @@
 """A model through the whole workflow: killed while it trains, it ends as if it had not been."""
 
 import json
+import shutil
 
 import pandas as pd
 import trimesh
@@ -12,33 +13,27 @@ EVALUATION = "evaluations/charts_touch/seed-0.csv"
 STEPS = 40
 
 
-def tiny(make_workflow):
-    """One object a split, one grasp each, a few steps of training of a small network."""
-    return make_workflow(
-        source={"kind": "procedural", "path": None},
-        classes=[{"class": "bottle", "objects": 3}],
-        surface={"points": 1000},
-        grasps={"per_object": 1, "attempts": 1},
-        training={
-            "device": "cpu",
-            "override": {
-                "touch_depth": {"width": 4, "steps": 4, "evaluate_every": 2, "batch": 2},
-                "reconstruction": {
-                    "steps": STEPS,
-                    "evaluate_every": 10,
-                    "batch": 1,
-                    "loss_points": 200,
-                    "validation_points": 200,
-                    "architecture": {"gcn": {"layers": 3, "width": 16}},
-                },
-            },
+TRAINING = {
+    "device": "cpu",
+    "override": {
+        "touch_depth": {"width": 4, "steps": 4, "evaluate_every": 2, "batch": 2},
+        "reconstruction": {
+            "steps": STEPS,
+            "evaluate_every": 10,
+            "batch": 1,
+            "loss_points": 200,
+            "validation_points": 200,
+            "architecture": {"gcn": {"layers": 3, "width": 16}},
         },
-        evaluation={"points": 1000, "resamples": 100},
-    )
+    },
+}
 
 
-def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
-    workflow = tiny(make_workflow)
+def test_a_training_that_was_killed_goes_on_to_the_same_model(finished, tmp_path):
+    """A few steps of a small network, on a copy of the run, an object a split. There are no images."""
+    workflow = finished.copied(tmp_path, training=TRAINING, evaluation={"points": 1000, "resamples": 100})
+    for folder in ("vision", "rejected/vision"):
+        shutil.rmtree(workflow.run / folder)
     result = workflow(EVALUATION)
     assert result.returncode == 0, result.stderr
     assert not (workflow.run / "vision").exists() and not (workflow.run / "views").exists()
@@ -62,6 +57,6 @@ def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
     assert set(errors[0].split) == {"validation", "test"}
     assert json.loads((model / "training.json").read_text())["steps"] == STEPS
 
-    mesh = workflow.run / "bottle.ply"
-    assert main(["reconstruct", str(workflow.run), "charts_touch", "bottle-0000", "--output", str(mesh)]) == 0
+    mesh = workflow.run / "can.ply"
+    assert main(["reconstruct", str(workflow.run), "charts_touch", "can-tall", "--output", str(mesh)]) == 0
     assert len(trimesh.load(mesh).faces) >= 96 * 24

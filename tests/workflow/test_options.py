@@ -59,7 +59,7 @@ def run(make_workflow, tmp_path_factory):
         frames={"count": 6, "contacts": True, "images": 3},
         hold={"test": True, "duration": 0.1},
     )
-    result = workflow("dataset", "validate")
+    result = workflow("dataset", "validate", object_pages=True)
     assert result.returncode == 0, result.stderr
     return workflow.run
 

@@ -16,7 +16,7 @@ import palpate
 from palpate.mesh import FORMATS
 from palpate.rebuild_command import RECORD
 from tests.mesh import nasty
-from tests.workflow.conftest import EVERY_SPLIT, PROJECT, run_snakemake
+from tests.workflow.conftest import EVERY_SPLIT, PROJECT, SMALL, run_snakemake
 from workflow.run.lock import JOBS_LOCK, LOCK
 
 STORES = ("surface", "grasps", "touch", "vision")
@@ -109,12 +109,7 @@ palpate.batch.each_object = failing
 def test_an_object_rejected_after_its_grasps_is_left_out_and_the_rest_is_valid(make_workflow, tmp_path):
     """The one object of its batch and class that is left is rejected at touch; one of two at vision."""
     (tmp_path / "sitecustomize.py").write_text(FAULTS)
-    workflow = make_workflow(
-        batch_size=2,
-        surface={"points": 500},
-        grasps={"per_object": 1, "attempts": 1},
-        vision={"size": 32, "samples": 1, "device": "cpu"},
-    )
+    workflow = make_workflow(batch_size=2, **SMALL)
     targets = "validate", "tables/dataset_statistics.csv", "figures/examples_brick.png"
     result = dataclasses.replace(workflow, python_path=str(tmp_path))(*targets)
     assert result.returncode == 0, result.stderr
@@ -151,12 +146,11 @@ def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_
     workflow = make_workflow(
         source={"kind": "folder", "path": str(tmp_path)},
         batch_size=100,  # one batch: jobs cost more here than objects do
-        surface={"points": 1000},
-        grasps={"per_object": 1, "attempts": 1},
-        vision={"size": 32, "samples": 1, "device": "cpu"},
+        **SMALL,
     )
     figures = [f"figures/{name}.png" for name in ("data_point", "examples_usable", "examples_unusable")]
-    result = workflow("validate", "tables/dataset_statistics.csv", "tables/grasp_success.csv", *figures)
+    tables = "tables/dataset_statistics.csv", "tables/grasp_success.csv"
+    result = workflow("validate", *tables, *figures, object_pages=True)
     assert result.returncode == 0, result.stderr
     rejected = pd.read_csv(workflow.run / "rejected.csv")
     assert set(rejected.stage) == {"meshes"}
@@ -210,17 +204,14 @@ def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(finished, make_workflow
     assert {*targets} | made <= {*found}
 
 
-def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
-    workflow = make_workflow(batch_size=1, classes=[{"class": "can", "objects": "all"}])
-    result = workflow("catalogue.csv", "rejected.csv", cores=1)  # which need every store, and no figure
-    assert result.returncode == 0, result.stderr
-    one_by_one, together = palpate.Dataset(workflow.run), palpate.Dataset(finished.run).of_class("can")
-    assert one_by_one.objects == together.objects == USABLE[1:]
+def test_data_do_not_depend_on_batch_size_or_cores(finished, one_by_one):
+    apart, together = palpate.Dataset(one_by_one.run), palpate.Dataset(finished.run).of_class("can")
+    assert apart.objects == together.objects == USABLE[1:]
     for store in STORES:
         for name, spec in palpate.store.CONTRACT[store].arrays.items():
             if spec.of_objects and name != "object" and not spec.asked:
                 np.testing.assert_array_equal(
-                    one_by_one.array(store, name)[:],
+                    apart.array(store, name)[:],
                     together.array(store, name)[:],
                     err_msg=f"{store} {name}",
                 )

@@ -150,7 +150,7 @@ def test_jobs_that_ended_leave_no_timers_that_look_for_jobs_every_second(make_wo
     assert set(delays) <= {60}
     # Those that the end of the run has cancelled; Python would wait for the others before it ends.
     assert all(each.finished.is_set() for each in threading.enumerate() if isinstance(each, threading.Timer))
-    asked = make_workflow()("catalogue.csv", "--max-jobs-per-timespan", "50/1s")
+    asked = make_workflow()("catalogue/batch-0000.csv", "--max-jobs-per-timespan", "50/1s")
     assert asked.returncode == 0 and 1 in delays, asked.stdout + asked.stderr
 
 
