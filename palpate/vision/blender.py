@@ -15,8 +15,9 @@ def load() -> ModuleType:
     Raises ImportError naming what to install, or what to import earlier."""
     if "bpy" in sys.modules:
         return sys.modules["bpy"]
-    allowed = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(allowed)})
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None  # macOS has none
+    if allowed:
+        os.sched_setaffinity(0, {min(allowed)})
     try:
         import bpy
     except ImportError as error:
@@ -30,7 +31,8 @@ def load() -> ModuleType:
             advice = f"with the packages here ({error}): it is bpy 4.5 for Python 3.11 (envs/requirements.txt)"
         raise ImportError(f"Blender can't start {advice}") from error
     finally:
-        os.sched_setaffinity(0, allowed)
+        if allowed:
+            os.sched_setaffinity(0, allowed)
     return bpy
 
 
