@@ -6,6 +6,7 @@ only record their arguments; arrays are built from these records afterwards, fro
 
 import io
 import pickle
+import pickletools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 
 from palpate.batch import UnusableObject
 
+MOST_KEPT = 1_000_000  # objects of a pickle that it refers to again
 KINDS = "biufcSU"  # numpy's kinds of types that are plain values: bool, numbers, strings
 
 
@@ -54,6 +56,11 @@ def _load(file: io.BufferedIOBase) -> Any:
         file.seek(0)
         array = np.load(file, allow_pickle=False)
     else:
+        start = file.tell()
+        for opcode, number, _ in pickletools.genops(file):  # the machine makes a table as long as the number
+            if opcode.name in ("BINPUT", "LONG_BINPUT", "PUT") and number > MOST_KEPT:
+                raise ValueError(f"it keeps an object as number {number}")
+        file.seek(start)
         # The encoding is of Python 2's strings, which held arrays' bytes.
         array = np.asarray(_plain(_Reader(file, encoding="latin1").load()))
         if array.shape != shape:

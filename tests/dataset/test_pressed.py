@@ -21,7 +21,7 @@ def item(monkeypatch, tmp_path):
     position[0, 2] = 1
     sensed = sense(RayCaster(mesh, sensor=digit), position, rotation)
     caster = RayCaster(mesh, sensor=face_sensor(digit))
-    pressed = press_sensors(caster, digit, position, rotation, np.array([[0.5, 0.0, 0.0]]))._asdict()
+    pressed = press_sensors(caster, digit, position, rotation, np.array([[0.5, 0.0, 0.0]]))
     pressed["reading"][~sensed.success] = 0
     rows = {"position": position, "rotation": rotation, **sensed._asdict(), **pressed}
     return CheckedObject({"touch": rows}, tmp_path, None, digit)

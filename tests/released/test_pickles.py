@@ -177,3 +177,14 @@ def test_a_file_with_a_changed_byte_is_read_or_named(tmp_path_factory, data):
         load_plain(path)
     except UnusableObject as error:
         assert "0.npy" in str(error)
+
+
+def test_a_damaged_number_takes_no_memory(tmp_path):
+    """As one byte in a file can make of it: the table for object 4,000,000,000 would have 64 GB."""
+    path = tmp_path / "0.npy"
+    np.save(path, {"depth": [1]})
+    before, after = path.read_bytes().rsplit(pickle.EMPTY_DICT, 1)
+    kept = pickle.LONG_BINPUT + (4_000_000_000).to_bytes(4, "little")
+    path.write_bytes(before + pickle.EMPTY_DICT + kept + after)
+    with pytest.raises(UnusableObject, match=r"0\.npy.*object as number 4000000000"):
+        load_plain(path)
