@@ -25,10 +25,8 @@ def name_of(row: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Correction:
-    """How a prediction is bent to the touched points as its last step: `palpate.models.kriging`.
-
-    length: m, of the kernel. noise: variance of a touched point, in units of the variance of what is interpolated.
-    """
+    """How a prediction is bent to the touched points as its last step: `palpate.models.kriging`. length: m, of the
+    kernel. noise: variance of a touched point, in units of the variance of what is interpolated."""
 
     length: float
     noise: float
@@ -37,7 +35,6 @@ class Correction:
 @dataclass(frozen=True)
 class Experiment:
     """One model: a combination of a grid of config/experiments.yaml.
-
     Attributes:
         name: made of its properties (`name_of`), or stated there.
         strategy: one of `palpate.strategies`, by its name.
@@ -45,8 +42,7 @@ class Experiment:
         fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
         weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
         correction: its last step, by the touched points; None: it has none, or no touch. Training is without.
-        architecture: what it changes in the recipe's architecture.
-    """
+        architecture: what it changes in the recipe's architecture."""
 
     name: str
     strategy: str
@@ -153,12 +149,10 @@ class Experiments:
 
     @classmethod
     def read(cls, path: Path | str, schema: Path | str) -> "Experiments":
-        """The file's experiments and tables, checked against its schema.
-
-        Raises ConfigError, naming the experiment, for an unknown method, two experiments of one name, weights that are
-        not of a trained experiment with the same vision, or inputs that the method can't have; and naming the table,
-        for an experiment, or a value of a grid, that no experiment is defined of.
-        """
+        """The file's experiments and tables, checked against its schema. Raises ConfigError, naming the experiment, for
+        an unknown method, two experiments of one name, weights that are not of a trained experiment with the same
+        vision, or inputs that the method can't have; and naming the table, for an experiment, or a value of a grid,
+        that no experiment is defined of."""
         declared = read_yaml(path)
         check(declared, schema, str(path))
         try:

@@ -1,7 +1,5 @@
 """A scene: one object, the hand in its grasps, sensors, a camera and lights. Plain data: no engine is imported.
-
-Touch and vision read it. Everything is in the world frame: metres, z up.
-"""
+Touch and vision read it. Everything is in the world frame: metres, z up."""
 
 import math
 from collections.abc import Mapping, Sequence

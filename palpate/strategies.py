@@ -1,9 +1,7 @@
 """Strategies of reconstruction: what each takes, what its training begins with, and what it predicts.
-
 A class each, by its name in `STRATEGIES`. They are plain data, so that a workflow starts without torch. The networks of
 `palpate.models` do what the classes say, and have the losses that they are trained with. `palpate/methods.yaml` lists
-the methods that are compared; an experiment is one of them with inputs (`palpate.experiments`).
-"""
+the methods that are compared; an experiment is one of them with inputs (`palpate.experiments`)."""
 
 from typing import ClassVar, Literal
 
@@ -15,7 +13,6 @@ Start = Literal["charts", "sphere", "templates"]
 
 class Strategy:
     """Vision charts, deformed by the features of an image (paper, section 3). Subclasses say what they change.
-
     What it takes:
         visions: of `VISIONS`, those that it can take. can_touch, needs_touch, needs_vision: whether it can, or has to.
         takes_images, takes_masks: images as they are; where the object is seen in them.
@@ -25,8 +22,7 @@ class Strategy:
         is_trained: whether it is. start: what is deformed; None: nothing is. `templates` are of training objects.
     What it predicts:
         copies_touch: whether the mesh gets touch charts as they are. keeps_touch: whether those in the graph stay where
-            they are.
-    """
+            they are."""
 
     visions: ClassVar[tuple[str, ...]] = VISIONS
     can_touch, needs_touch, needs_vision = True, False, False

@@ -1,7 +1,6 @@
 """The Chamfer distance between point clouds, by exact nearest neighbours; gradients flow through the pairs found.
-
-On a CPU neighbours are found with k-d trees; on a GPU by a search over blocks of queries, which never holds all pairs.
-"""
+On a CPU neighbours are found with k-d trees; on a GPU by a search over blocks of queries, which never holds all
+pairs."""
 
 from collections.abc import Sequence
 
@@ -45,11 +44,8 @@ def nearest_in_blocks(query: Tensor, points: Tensor, pairs: int = BLOCK_PAIRS) -
 
 
 def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tensor:
-    """Which point (m, 3) lies nearest to each query (n, 3), exactly: (n,) int64.
-
-    tree: `build_tree(points)` if it is there already; used on a CPU only. Raises ValueError if a cloud is empty or
-    holds NaN or infinity.
-    """
+    """Which point (m, 3) lies nearest to each query (n, 3), exactly: (n,) int64. tree: `build_tree(points)` if it is
+    there already; used on a CPU only. Raises ValueError if a cloud is empty or holds NaN or infinity."""
     query = checked(query)
     if query.device.type != "cpu":
         return nearest_in_blocks(query, checked(points))
@@ -58,23 +54,18 @@ def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tenso
 
 
 def mean_squared(query: Tensor, points: Tensor, index: Tensor) -> Tensor:
-    """Mean squared distance of each query (n, 3) to the point (m, 3) that `index` (n,) names.
-
-    In float32 at least: in float16 the squares of distances below 0.2 mm are 0.
-    """
+    """Mean squared distance of each query (n, 3) to the point (m, 3) that `index` (n,) names. In float32 at least: in
+    float16 the squares of distances below 0.2 mm are 0."""
     dtype = torch.promote_types(query.dtype, torch.float32)
     return (query.to(dtype) - points.to(dtype)[index]).square().sum(dim=1).mean()
 
 
 def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] | None = None) -> Tensor:
-    """Mean squared distance from each query to the nearest point, for each pair of clouds: (B,) m^2.
-
-    query, points: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds (n_i, 3) and (m_i, 3). trees: `build_tree`
-    of each cloud of points, if they are there already; used on a CPU only. The result is float32 or more, and
-    differentiable in both clouds; times `palpate.protocol.CHAMFER_SCALE` it is in the tables' unit.
-
-    Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds differ.
-    """
+    """Mean squared distance from each query to the nearest point, for each pair of clouds: (B,) m^2. query, points:
+    (B, n, 3) and (B, m, 3) metres, or sequences of B clouds (n_i, 3) and (m_i, 3). trees: `build_tree` of each cloud of
+    points, if they are there already; used on a CPU only. The result is float32 or more, and differentiable in both
+    clouds; times `palpate.protocol.CHAMFER_SCALE` it is in the tables' unit. Raises ValueError if a cloud is empty or
+    holds NaN or infinity, or the numbers of clouds differ."""
     if len(query) != len(points) or not len(query):
         raise ValueError(f"{len(query)} clouds against {len(points)}; must be as many, and at least one")
     trees = trees or [None] * len(query)

@@ -8,12 +8,10 @@ PLANE_POINTS = 16
 
 
 def plane_normals(points: np.ndarray, tree: cKDTree) -> np.ndarray:
-    """Unit normals (n, 3), of either sign, of the planes that fit a cloud best around some points.
-
-    points: (n, 3). tree: of the cloud, in the same frame; the plane at a point is laid through the cloud's nearest
-    `PLANE_POINTS` (Hoppe et al. 1992, Surface Reconstruction from Unorganized Points). The sign is not known on thin
-    objects, and is left open.
-    """
+    """Unit normals (n, 3), of either sign, of the planes that fit a cloud best around some points. points: (n, 3).
+    tree: of the cloud, in the same frame; the plane at a point is laid through the cloud's nearest `PLANE_POINTS`
+    (Hoppe et al. 1992, Surface Reconstruction from Unorganized Points). The sign is not known on thin objects, and is
+    left open."""
     _, near = tree.query(points, k=min(PLANE_POINTS, tree.n))
     around = tree.data[near]
     around = around - around.mean(axis=1, keepdims=True)

@@ -1,9 +1,7 @@
 """The arrays of an experiment in memory, read once from a run's stores, for training and evaluation.
-
 `palpate/learning/inputs.py` lists the arrays of an experiment and their types. Shapes are the contract's of what is
 stored (docs/dataset.md), in the world frame. Silhouettes have those of masks, and `image_camera` is (o, k, 3, 4) to
-pixels. Objects are those that all stores of the arrays have.
-"""
+pixels. Objects are those that all stores of the arrays have."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,17 +26,13 @@ class ExperimentDataError(ValueError):
 
 class ExperimentData:
     """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
-
     arrays: by name, among them `object`, `class` and `split` (o,). source: their name for messages. sensor: the kind of
     touch sensor that touches are of. one_size: whether all objects were scaled to one size.
-
     Attributes:
         objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that axis.
         hand_sensors: s, None if no array has that axis. largest: m, the diagonal of the box of the largest object of
         the train split, if objects keep their size; None where all have one size.
-
-    Raises ExperimentDataError, naming the object, if a value is NaN or infinite.
-    """
+    Raises ExperimentDataError, naming the object, if a value is NaN or infinite."""
 
     def __init__(
         self,
@@ -90,10 +84,9 @@ class ExperimentData:
         cls, run: Path | str, experiment: Experiment, splits: Iterable[str] = SPLITS, training: bool = False
     ) -> "ExperimentData":
         """The data of an experiment: the objects of some splits of a run. training: with what only trainings take.
-
         Raises ExperimentDataError if no object is in all stores that the experiment needs; StoreError, naming the file
-        and the remedy, if a store is missing, can't be read, or has values that are not finite or out of their range.
-        """
+        and the remedy, if a store is missing, can't be read, or has values that are not finite or out of their
+        range."""
         needed = stages(experiment, training)
         dataset = Dataset(run, needed)
         if not len(dataset):

@@ -1,7 +1,5 @@
 """The arrays that experiments take, and their stages: what workflow inputs and data in memory come from.
-
-It needs neither torch nor the stores.
-"""
+It needs neither torch nor the stores."""
 
 from typing import NamedTuple
 
@@ -9,10 +7,8 @@ from palpate.experiments import Experiment
 
 
 class Input(NamedTuple):
-    """An array in a training's memory.
-
-    name: of the array there. stage, array: of its store (intrinsics and extrinsics are multiplied). dtype: in memory.
-    """
+    """An array in a training's memory. name: of the array there. stage, array: of its store (intrinsics and extrinsics
+    are multiplied). dtype: in memory."""
 
     name: str
     stage: str

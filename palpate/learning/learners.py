@@ -1,8 +1,6 @@
 """What a training does in a step, and in a validation.
-
 All random numbers of a step follow from the seed and the step's number, so that an interrupted training resumes without
-any difference.
-"""
+any difference."""
 
 import logging
 from abc import ABC, abstractmethod
@@ -48,15 +46,11 @@ class Diverged(RuntimeError):
 
 
 class Learner(nn.Module, ABC):
-    """A model and how it is trained: `learner(step)` is the loss of a training step.
-
-    model: to be trained. settings: of the recipe. seed: of the order of samples and of points. samples: number of
-    training samples. validation_samples: those of a validation, in order.
-
-    Attributes: steps, number of training steps; validation_interval, steps between validations; rank, processes, of
-    those that each take a share of a batch (there is one for each GPU); step, the one that was begun last; kind, of
-    the checkpoints.
-    """
+    """A model and how it is trained: `learner(step)` is the loss of a training step. model: to be trained. settings: of
+    the recipe. seed: of the order of samples and of points. samples: number of training samples. validation_samples:
+    those of a validation, in order. Attributes: steps, number of training steps; validation_interval, steps between
+    validations; rank, processes, of those that each take a share of a batch (there is one for each GPU); step, the one
+    that was begun last; kind, of the checkpoints."""
 
     kind: ClassVar[str]
     model: nn.Module
@@ -163,10 +157,8 @@ class Learner(nn.Module, ABC):
 
 
 class ReconstructionLearner(Learner):
-    """Trains reconstruction on the objects of the train split, for one experiment.
-
-    data: of the train and validation splits. Raises ExperimentDataError if a split has no object.
-    """
+    """Trains reconstruction on the objects of the train split, for one experiment. data: of the train and validation
+    splits. Raises ExperimentDataError if a split has no object."""
 
     kind = "reconstruction"
     model: Reconstruction | SingleImageModel

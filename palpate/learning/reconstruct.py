@@ -1,7 +1,5 @@
 """Use a trained model: from an image and the touches of a grasp to a mesh. From Python `palpate.reconstruct`, or:
-
-palpate reconstruct results/default template_occluded_any bottle-0011 --output x.ply
-"""
+palpate reconstruct results/default template_occluded_any bottle-0011 --output x.ply"""
 
 import warnings
 from collections.abc import Sequence
@@ -89,14 +87,12 @@ def reconstruct(
     device: str = "cpu",
 ) -> "trimesh.Trimesh":
     """The mesh that a trained model predicts from one image, from touches, or from both.
-
     image: (s, s, 3) uint8 sRGB, row 0 at the top; of (s, s, 4) the last channel is opacity. camera: (3, 4) the image's,
     from homogeneous world coordinates to pixels; models that were trained on several cameras, or on views, need it, the
     others take that of their training. silhouette: of the object in the image, which models of strategy `template`
     need. touches: one grasp, or a sequence of as many as the model takes: grasp records of `palpate.Dataset`, or
     `GraspTouches`. What the model does not take is ignored. model: its folder, `<run>/models/<experiment>/seed-<k>`, or
     the checkpoint in it; a model that takes touch charts also reads the run's U-Net, `<run>/models/touch_depth`.
-
     Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are, touch charts
     in another colour. Without any successful touch there is a warning: the model only knows where sensors are. Raises
     ReconstructionError for a model that is not there, a missing image or touch, and values of another shape or not

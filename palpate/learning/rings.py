@@ -1,9 +1,7 @@
 """Rings of surface points around each touch (section 5.3).
-
 A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x onto the
 true surface. Ring 1 lies within the sensor's own plane, ring r between the planes of r - 1 and r times its size. Points
-that meet no surface are omitted. All numbers are those of the published evaluation (`calc_local_chamfer`).
-"""
+that meet no surface are omitted. All numbers are those of the published evaluation (`calc_local_chamfer`)."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence

@@ -16,12 +16,10 @@ WITHOUT_TOUCH = 0.5  # share of steps; with fewer, vision alone learns less (doc
 
 
 class Sample(NamedTuple):
-    """What a model takes at once: an object, some of its grasps (none if nothing depends on a grasp), a view.
-
-    object: its number in the data. grasps: numbers of its grasps; an occluded image is that of the first. view: number
-    of the view, or of the camera, of its image. window: number among the samples of its object, in an evaluation.
-    touched: of how many of the grasps, from the first on, the touches are given; None: of all.
-    """
+    """What a model takes at once: an object, some of its grasps (none if nothing depends on a grasp), a view. object:
+    its number in the data. grasps: numbers of its grasps; an occluded image is that of the first. view: number of the
+    view, or of the camera, of its image. window: number among the samples of its object, in an evaluation. touched: of
+    how many of the grasps, from the first on, the touches are given; None: of all."""
 
     object: int
     grasps: tuple[int, ...] = ()
@@ -43,11 +41,9 @@ def grasps_per_sample(data: ExperimentData, experiment: Experiment) -> int:
 
 
 def windows(data: ExperimentData, experiment: Experiment, *splits: str) -> list[Sample]:
-    """The samples that an evaluation on some splits has, object by object.
-
-    Grasps g to g + n - 1, modulo the number of grasps, for every g (once if n is all of them), if the model takes any;
-    each with every view, or every camera. The paper leaves open which grasps it measures on.
-    """
+    """The samples that an evaluation on some splits has, object by object. Grasps g to g + n - 1, modulo the number of
+    grasps, for every g (once if n is all of them), if the model takes any; each with every view, or every camera. The
+    paper leaves open which grasps it measures on."""
     n, total = grasps_per_sample(data, experiment), data.grasps
     starts = range(1) if n in (0, total) else range(total)
     choices = [tuple((start + k) % total for k in range(n)) for start in starts]
@@ -73,10 +69,8 @@ def spread(samples: Sequence[Sample], per_object: int | None) -> list[Sample]:
 
 
 def shuffled(count: int, size: int, seed: int | Sequence[int], step: int) -> np.ndarray:
-    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again.
-
-    It depends on nothing but the arguments, so that training can resume at any step.
-    """
+    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again. It depends on nothing
+    but the arguments, so that training can resume at any step."""
     first = step * size
     places = np.arange(first, first + size)
     seeds = np.atleast_1d(seed)
@@ -85,10 +79,8 @@ def shuffled(count: int, size: int, seed: int | Sequence[int], step: int) -> np.
 
 
 def grasps_by_class(data: ExperimentData, size: int, seed: int, step: int) -> list[tuple[int, int]]:
-    """Objects of the train split and their grasps that a step takes, as the authors' released training takes them.
-
-    An epoch has as many as there are grasps, of each class the same number, each once before any again.
-    """
+    """Objects of the train split and their grasps that a step takes, as the authors' released training takes them. An
+    epoch has as many as there are grasps, of each class the same number, each once before any again."""
     objects = data.of_split("train")
     classes = sorted({data.classes[number] for number in objects})
     members = [[number for number in objects if data.classes[number] == name] for name in classes]
@@ -111,15 +103,12 @@ def grasps_by_class(data: ExperimentData, size: int, seed: int, step: int) -> li
 def training_samples(
     data: ExperimentData, experiment: Experiment, size: int, seed: int, step: int, epoch: str = "objects"
 ) -> list[Sample]:
-    """The samples of one training step: objects of the train split in random order, each with a random subset
-    of its grasps, in random order, and the image of a random view or camera.
-
+    """The samples of one training step: objects of the train split in random order, each with a random subset of its
+    grasps, in random order, and the image of a random view or camera.
     epoch: `objects`, each once; `grasps`, each once if the experiment takes any, as `grasps_by_class` has them.
-
     They depend on nothing but the number of grasps that the experiment takes, so that experiments with the same number
     see the same samples at the same step. An experiment with `fewer_grasps` gets the touches of a random number of
-    them, up to its own, the same for all samples of a step; with vision, half of the steps have none.
-    """
+    them, up to its own, the same for all samples of a step; with vision, half of the steps have none."""
     objects = data.of_split("train")
     n = grasps_per_sample(data, experiment)
     # A stream of its own; `shuffled` seeds its streams with two numbers.
@@ -142,10 +131,8 @@ def training_samples(
 
 
 class Assembler:
-    """Batches of samples as `palpate.models.Reconstruction.forward` takes them: `assembler(samples)`.
-
-    The arrays that an experiment takes stay on the device, images as bytes.
-    """
+    """Batches of samples as `palpate.models.Reconstruction.forward` takes them: `assembler(samples)`. The arrays that
+    an experiment takes stay on the device, images as bytes."""
 
     TOUCH_ARRAYS = ("success", "position", "rotation", "charts", "reading")
 
@@ -178,10 +165,8 @@ class Assembler:
 
 
 def to_colours(images: Tensor) -> Tensor:
-    """Pixels (..., s, s, 3) uint8 as (..., 3, s, s) float32 in [0, 1]; the layout in memory is kept.
-
-    Of four channels the last is opacity: these images are put over white.
-    """
+    """Pixels (..., s, s, 3) uint8 as (..., 3, s, s) float32 in [0, 1]; the layout in memory is kept. Of four channels
+    the last is opacity: these images are put over white."""
     colours = images.movedim(-1, -3).float() / 255
     if colours.shape[-3] == 3:
         return colours

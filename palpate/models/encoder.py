@@ -13,10 +13,8 @@ KERNEL = 3
 
 
 class ImageEncoder(nn.Module):
-    """The CNN whose intermediate feature maps are pooled at the vertices (supplement, "Model Architecture").
-
-    options: its layers; the first of a block has stride 2. Padding is 0 in the paper, 1 for single images.
-    """
+    """The CNN whose intermediate feature maps are pooled at the vertices (supplement, "Model Architecture"). options:
+    its layers; the first of a block has stride 2. Padding is 0 in the paper, 1 for single images."""
 
     def __init__(self, options: Encoder):
         super().__init__()
@@ -39,10 +37,8 @@ class ImageEncoder(nn.Module):
         self.channels = [widths[number - 1] for number in pool]
 
     def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
-        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w).
-
-        One image that is expanded to B samples (`Tensor.expand`) is encoded once.
-        """
+        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w). One image that is expanded
+        to B samples (`Tensor.expand`) is encoded once."""
         if len(image) > 1 and image.stride(0) == 0:
             return [features.expand(len(image), -1, -1, -1) for features in self(image[:1])]
         image = image.contiguous()  # Pixel by pixel, torch's norms lose digits.
@@ -70,11 +66,9 @@ class ImageEncoder(nn.Module):
 
 
 class ReadingEncoder(nn.Module):
-    """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1).
-
-    The paper doesn't give its layers. Here: four convolutions (3 x 3, stride 2), the mean over the map, and a linear
-    layer to `features`. Nothing is normalised: how much of a reading differs from the empty one is its content.
-    """
+    """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1). The paper doesn't
+    give its layers. Here: four convolutions (3 x 3, stride 2), the mean over the map, and a linear layer to `features`.
+    Nothing is normalised: how much of a reading differs from the empty one is its content."""
 
     def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64)):
         super().__init__()

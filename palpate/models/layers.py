@@ -14,10 +14,9 @@ NORMS: dict[str, Callable[[int], nn.Module]] = {
 
 class ConvolutionBlock(nn.Sequential):
     """A row of the paper's tables: convolution, normalisation (`norm`: batch, instance or none), ReLU.
-
     (B, inputs, H, W) -> (B, outputs, H', W') with H' = (H + 2 padding - kernel) // stride + 1. The convolution has a
-    bias only without normalisation, which would remove it; its weights then keep the size of features (He et al. 2015).
-    """
+    bias only without normalisation, which would remove it; its weights then keep the size of features
+    (He et al. 2015)."""
 
     def __init__(
         self, inputs: int, outputs: int, kernel: int = 3, stride: int = 1, padding: int = 0, norm: str = "batch"

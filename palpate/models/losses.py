@@ -53,11 +53,8 @@ class Truth:
 
 
 class Target(NamedTuple):
-    """What the predictions of a step are compared with.
-
-    truth: of all objects. objects: B numbers in it. n: points that are sampled on each prediction, and taken of the
-    true ones. generator: of the random choices.
-    """
+    """What the predictions of a step are compared with. truth: of all objects. objects: B numbers in it. n: points that
+    are sampled on each prediction, and taken of the true ones. generator: of the random choices."""
 
     truth: Truth
     objects: Sequence[int]
@@ -66,11 +63,9 @@ class Target(NamedTuple):
 
 
 def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
-    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose.
-
-    As the published voxels, cells are occupied that the surface passes, and those within it. relative_size: of the grid
-    to the cube of `GRID_EDGE`.
-    """
+    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose. As the published
+    voxels, cells are occupied that the surface passes, and those within it. relative_size: of the grid to the cube of
+    `GRID_EDGE`."""
     cell = CELL * relative_size
     index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / cell + GRID / 2).floor().long()
     shell = np.zeros((GRID, GRID, GRID), dtype=bool)
@@ -80,19 +75,14 @@ def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
 
 def reconstruction_loss(vertices: Tensor, faces: Tensor, target: Target) -> Tensor:
     """Chamfer distance (B,) of each predicted mesh to its object (paper, equation 2), differentiable in the vertices.
-
-    vertices: (B, V, 3) metres, faces: (F, 3).
-    """
+    vertices: (B, V, 3) metres, faces: (F, 3)."""
     points = sample_faces(vertices.to(target.truth.points.dtype), faces, target.n, target.generator)
     return cloud_loss(points, target)
 
 
 def cloud_loss(points: Tensor, target: Target) -> Tensor:
-    """Chamfer distance (B,) of predicted points (B, m, 3) to their objects.
-
-    Each of them looks for the nearest of all true points, each of those that are taken of the true ones for the
-    nearest predicted one.
-    """
+    """Chamfer distance (B,) of predicted points (B, m, 3) to their objects. Each of them looks for the nearest of all
+    true points, each of those that are taken of the true ones for the nearest predicted one."""
     truth, objects, n, generator = target
     points, clouds = points.to(truth.points.dtype), truth.clouds(objects)
     there = one_sided_distance(points, clouds, truth.trees(objects))

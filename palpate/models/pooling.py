@@ -22,10 +22,8 @@ def relative_camera(camera: Tensor, size: int) -> Tensor:
 
 class BilinearSum(torch.autograd.Function):
     """Weighted sums of rows: y_v = sum_k weight_vk table[row_vk], for bilinear interpolation in several maps at once.
-
-    table (R, C), row (n, k) int64, weight (n, k) -> (n, C). The gradient of the table is the transposed sum, with
-    its terms sorted by row: on a CPU many times faster than to scatter them.
-    """
+    table (R, C), row (n, k) int64, weight (n, k) -> (n, C). The gradient of the table is the transposed sum, with its
+    terms sorted by row: on a CPU many times faster than to scatter them."""
 
     @staticmethod
     def forward(ctx: Any, table: Tensor, row: Tensor, weight: Tensor) -> Tensor:
@@ -71,22 +69,18 @@ def _by_row(row: Tensor, rows: int) -> tuple[Tensor, Tensor]:
 
 class ImageProducts(NamedTuple):
     """Feature maps times weights, cell by cell (`map_products`).
-
     Attributes:
         rows: (B * cells, width), the cells of all maps of a sample together, each map row by row.
-        edges: cells along the side of each map.
-    """
+        edges: cells along the side of each map."""
 
     rows: Tensor
     edges: tuple[int, ...]
 
 
 def map_products(maps: Sequence[Tensor], weight: Tensor) -> ImageProducts:
-    """The product of maps, each (B, C_k, h_k, h_k), with weights (sum of C_k, width) in the order of the maps.
-
-    Pooling is linear in the maps, so that pooled features times weights are the pooled products of maps and weights.
-    A map has fewer cells than a mesh has vertices in three deformations, and the products fewer channels.
-    """
+    """The product of maps, each (B, C_k, h_k, h_k), with weights (sum of C_k, width) in the order of the maps. Pooling
+    is linear in the maps, so that pooled features times weights are the pooled products of maps and weights. A map has
+    fewer cells than a mesh has vertices in three deformations, and the products fewer channels."""
     parts = weight.split([features.shape[1] for features in maps])
     rows = [
         features.flatten(2).transpose(1, 2) @ part.to(features.dtype)
@@ -97,14 +91,11 @@ def map_products(maps: Sequence[Tensor], weight: Tensor) -> ImageProducts:
 
 def pool(maps: Sequence[Tensor], positions: Tensor, camera: Tensor) -> Tensor:
     """The features of each map at each vertex, by bilinear interpolation: (V, B, sum of the maps' channels).
-
     A map covers the image from edge to edge, its cells being equal squares (supplement, "Chart Feature ...": "the
     location of this projection ... corresponds exactly to a position in each feature map"). Without padding cells see
     further in. Positions outside the map take the value at its edge.
-
     maps: each (B, C, h, h). positions: (V, B, 3) in the world, metres. camera: (3, 4) or (B, 3, 4), from the world to
-    homogeneous coordinates in [-1, 1] over the image (`relative_camera`).
-    """
+    homogeneous coordinates in [-1, 1] over the image (`relative_camera`)."""
     place = _project(positions, camera)
     pooled = []
     for features in maps:

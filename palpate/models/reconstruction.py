@@ -1,8 +1,6 @@
 """The reconstruction network: charts deformed several times by features of the image and of the touches.
-
-Only what an experiment takes is built: no image encoder without vision, no reading encoder but for strategy
-`sphere`, and touch charts in the graph only for the paper's `charts` and `no_copy`.
-"""
+Only what an experiment takes is built: no image encoder without vision, no reading encoder but for strategy `sphere`,
+and touch charts in the graph only for the paper's `charts` and `no_copy`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import cast
@@ -40,26 +38,21 @@ Batch = Mapping[str, Tensor]
 
 class Reconstruction(nn.Module):
     """From an image, touches, or both, to the vertices of a mesh (paper, section 3 and supplement).
-
     Args:
         experiment: what the model takes, and its strategy (`palpate.strategies`).
         architecture: layers and options, see `palpate.architectures`.
         hand_sensors: s, touches a grasp: the hand's. sensor: the kind that they are of.
         templates: of training objects, of a strategy that begins with them.
-
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives: vision charts, then touch charts; where
             these are copied, those without success have no area. moving_faces: (M, 3), of charts that move.
         sensors: largest number of touches, s times the grasps, or 0.
         touch_input: how touches reach the vertices: in the `graph`, `pooled`, as `readings`, or None.
         copies_touch: whether touch charts are added to the mesh as they are.
-
     With a `correction` the vision charts are bent to the touched points as the last step (`palpate.models.kriging`).
     With `fewer_grasps` a batch may have the touches of any number of grasps up to the experiment's, or of none.
-
     Raises ValueError for a combination that can't be: neither vision nor touch, no touch where the strategy is about
-    touch charts, no vision for `no_comm`.
-    """
+    touch charts, no vision for `no_comm`."""
 
     # The first layer's weights of inputs that not every model has.
     INPUT_WEIGHTS = ("image_weight", "reading_weight")
@@ -162,8 +155,7 @@ class Reconstruction(nn.Module):
         | `camera_number` | (B,) int64 | vision, `template` |
         | `start` | (1824, B, 3), what `start_of` gives, if it is known | `template` |
 
-        Raises ValueError if a key is missing, of another shape or type.
-        """
+        Raises ValueError if a key is missing, of another shape or type."""
         return self._vertices(batch, True)
 
     def _vertices(self, batch: Batch, finished: bool) -> Tensor:
@@ -227,10 +219,8 @@ class Reconstruction(nn.Module):
         return [self._vertices(batch, False)]
 
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
-        """`reconstruction_loss` (B,) of the charts that move.
-
-        The others give no gradient, and would at the start be the nearest to up to half of the true points.
-        """
+        """`reconstruction_loss` (B,) of the charts that move. The others give no gradient, and would at the start be
+        the nearest to up to half of the true points."""
         vertices = stages[-1]
         faces = _below(self.moving_faces, vertices.shape[1])
         return reconstruction_loss(vertices, faces, target)

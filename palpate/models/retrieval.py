@@ -1,8 +1,6 @@
 """Retrieval: the training object that fits best, as the prediction. Nothing is trained.
-
 That it rivals trained networks is known (Tatarchenko et al. 2019, "What do single-view 3D reconstruction networks
-learn?"): it says how alike objects are.
-"""
+learn?"): it says how alike objects are."""
 
 from collections.abc import Mapping
 from functools import cache, cached_property
@@ -25,13 +23,10 @@ EXCLUDED = -1e6  # the fit of an object that is not to be taken. It is finite: t
 
 
 class Retrieval:
-    """The object of a collection that fits a sample best; ties go to the first.
-
-    A fit is the intersection over union of the silhouettes, less TOUCH_WEIGHT times the mean squared distance of the
-    touched points to the object, each capped. Where nothing was seen or touched that term is 0.
-
-    correction: the last step, or None. sensor: that touches are of; their number is free.
-    """
+    """The object of a collection that fits a sample best; ties go to the first. A fit is the intersection over union of
+    the silhouettes, less TOUCH_WEIGHT times the mean squared distance of the touched points to the object, each capped.
+    Where nothing was seen or touched that term is 0. correction: the last step, or None. sensor: that touches are of;
+    their number is free."""
 
     hand_sensors = None
 
@@ -39,11 +34,9 @@ class Retrieval:
         self.objects, self.correction, self.sensor = objects, correction, sensor
 
     def __call__(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """The points (B, n, 3) m of the objects that fit best, corrected at touched points.
-
-        batch, of what there is: `mask` and `hand`, (B, p, p) bool, where the object and the hand are seen, and
-        `camera_number` (B,) int64; `success` (B, t) and `charts` (B, t, 81, 3) m.
-        """
+        """The points (B, n, 3) m of the objects that fit best, corrected at touched points. batch, of what there is:
+        `mask` and `hand`, (B, p, p) bool, where the object and the hand are seen, and `camera_number` (B,) int64;
+        `success` (B, t) and `charts` (B, t, 81, 3) m."""
         fitting = self.objects.points[self.objects.best(batch)[0][:, 0]]
         if not self.correction or "charts" not in batch:
             return fitting
@@ -68,10 +61,8 @@ class Objects:
             self._areas = self._masks.sum(dim=1)
 
     def best(self, batch: Mapping[str, Tensor], count: int = 1) -> tuple[Tensor, Tensor]:
-        """The `count` objects (B, count) int64 that fit best, the best first, and their fits (B, count) float64.
-
-        batch: as `Retrieval` takes it; with `excluded` (B,) int64, the number of an object that comes last, or -1.
-        """
+        """The `count` objects (B, count) int64 that fit best, the best first, and their fits (B, count) float64. batch:
+        as `Retrieval` takes it; with `excluded` (B,) int64, the number of an object that comes last, or -1."""
         samples = len(next(iter(batch.values())))
         overlap = self.overlap(batch) if "mask" in batch else torch.zeros(samples, len(self.points))
         for row, number in enumerate(batch.get("excluded", ())):
@@ -83,11 +74,9 @@ class Objects:
         return torch.tensor(numbers), torch.tensor(fits, dtype=torch.float64)
 
     def _best(self, overlap: np.ndarray, touched: Tensor, count: int) -> list[tuple[float, int]]:
-        """The best fits with their objects, by the objects' overlap (T,) and the touched points (n, 3).
-
-        Objects come in the order of what their fit can be at most, until none can be better. An object's distances are
-        measured part by part of the points, until its fit can't be better.
-        """
+        """The best fits with their objects, by the objects' overlap (T,) and the touched points (n, 3). Objects come in
+        the order of what their fit can be at most, until none can be better. An object's distances are measured part by
+        part of the points, until its fit can't be better."""
         places = touched.double().numpy()
         least = self.least_squares(places) if len(places) else np.zeros((len(overlap), 1))
         most = overlap - TOUCH_WEIGHT * least.mean(axis=1)

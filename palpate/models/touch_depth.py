@@ -12,14 +12,10 @@ IMPRESSION = 0.005
 
 
 class TouchDepth(nn.Module):
-    """The U-Net of the supplement's table "U-Net style network": reading -> distance from the sensor plane.
-
-    width: channels of the first level (the paper's 64), doubled at each of the four levels below.
-    sensor: whose readings it takes.
-
-    The network's output is the impression's depth D' in units of `IMPRESSION`, and the distance is
-    w - D' (supplement, "Simulating Touch"), so that an output of 0 is the undeformed gel.
-    """
+    """The U-Net of the supplement's table "U-Net style network": reading -> distance from the sensor plane. width:
+    channels of the first level (the paper's 64), doubled at each of the four levels below. sensor: whose readings it
+    takes. The network's output is the impression's depth D' in units of `IMPRESSION`, and the distance is w - D'
+    (supplement, "Simulating Touch"), so that an output of 0 is the undeformed gel."""
 
     def __init__(self, width: int = 64, sensor: Sensor = DIGIT):
         super().__init__()
@@ -44,10 +40,8 @@ class TouchDepth(nn.Module):
         self.depth = nn.Conv2d(width, 1, 1)
 
     def forward(self, reading: torch.Tensor) -> torch.Tensor:
-        """(B, 3, r, c) reading in [0, 1] -> (B, r, c) metres from the sensor plane along its x.
-
-        Rows and columns are the reading's. Raises ValueError if the shape is another.
-        """
+        """(B, 3, r, c) reading in [0, 1] -> (B, r, c) metres from the sensor plane along its x. Rows and columns are
+        the reading's. Raises ValueError if the shape is another."""
         rows, columns = self.sensor.resolution
         if reading.ndim != 4 or tuple(reading.shape[1:]) != (3, rows, columns):
             raise ValueError(
