@@ -235,7 +235,7 @@ class ReconstructionLearner(Learner):
         )
         if inputs in self.starts:
             return self.starts[inputs]
-        start = cast(Reconstruction, self.model).start_of(batch)
+        start = cast(Templates, self.model.templates)(batch)
         if len(self.starts) * len(inputs) < KEPT_STARTS:
             self.starts[inputs] = start
         return start

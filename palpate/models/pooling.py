@@ -1,7 +1,7 @@
 """Perceptual feature pooling: the image's feature maps at the projection of each vertex."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -67,26 +67,16 @@ def _by_row(row: Tensor, rows: int) -> tuple[Tensor, Tensor]:
     return order, torch.cat([count.new_zeros(1), count.cumsum(0)])
 
 
-class ImageProducts(NamedTuple):
-    """Feature maps times weights, cell by cell (`map_products`).
-    Attributes:
-        rows: (B * cells, width), the cells of all maps of a sample together, each map row by row.
-        edges: cells along the side of each map."""
-
-    rows: Tensor
-    edges: tuple[int, ...]
-
-
-def map_products(maps: Sequence[Tensor], weight: Tensor) -> ImageProducts:
-    """The product of maps, each (B, C_k, h_k, h_k), with weights (sum of C_k, width) in the order of the maps. Pooling
-    is linear in the maps, so that pooled features times weights are the pooled products of maps and weights. A map has
-    fewer cells than a mesh has vertices in three deformations, and the products fewer channels."""
+def map_products(maps: Sequence[Tensor], weight: Tensor) -> tuple[Tensor, list[int]]:
+    """The product of maps, each (B, C_k, h_k, h_k), with weights (sum of C_k, width) in the order of the maps: of a
+    sample's maps all cells, row by row, (B * cells, width); and the maps' edges h_k. Pooling is linear in the maps:
+    pooled features times weights are the pooled products. These have fewer cells, and fewer channels."""
     parts = weight.split([features.shape[1] for features in maps])
     rows = [
         features.flatten(2).transpose(1, 2) @ part.to(features.dtype)
         for features, part in zip(maps, parts, strict=True)
     ]
-    return ImageProducts(torch.cat(rows, dim=1).flatten(0, 1), tuple(features.shape[-1] for features in maps))
+    return torch.cat(rows, dim=1).flatten(0, 1), [features.shape[-1] for features in maps]
 
 
 def pool(maps: Sequence[Tensor], positions: Tensor, camera: Tensor) -> Tensor:
@@ -106,17 +96,17 @@ def pool(maps: Sequence[Tensor], positions: Tensor, camera: Tensor) -> Tensor:
     return torch.cat(pooled, dim=2)
 
 
-def pool_products(products: ImageProducts, positions: Tensor, camera: Tensor) -> Tensor:
+def pool_products(table: Tensor, edges: Sequence[int], positions: Tensor, camera: Tensor) -> Tensor:
     """Pooled features times weights (V, B, width), from maps times weights; the rest as in `pool`."""
     place = _project(positions, camera)
     rows, weights, first = [], [], 0
-    for edge in products.edges:
+    for edge in edges:
         row, weight = _cells(place, edge)
         rows.append(row + first)
         weights.append(weight)
         first += edge**2
     row = torch.cat(rows, dim=2) + first * torch.arange(positions.shape[1], device=positions.device)[:, None]
-    return _bilinear_sum(products.rows, row, torch.cat(weights, dim=2))
+    return _bilinear_sum(table, row, torch.cat(weights, dim=2))
 
 
 def _cells(place: Tensor, edge: int) -> tuple[Tensor, Tensor]:

@@ -28,7 +28,6 @@ from palpate.charts.sample import sample_faces
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import KERNEL, ImageEncoder
 from palpate.models.gcn import GraphNetwork
-from palpate.models.layers import LinearBlock
 from palpate.models.losses import CELL, GRID, Target, cloud_loss, subsample
 from palpate.models.pooling import pool, relative_camera
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE
@@ -180,7 +179,11 @@ class DeformedSphere(SingleImageModel):
         the block, and how far edges are from tangential at the nearest true point. Each is a mean, as in the published
         code, and times 9000."""
         truth, objects, n, generator = target
-        clouds, trees, normals = truth.clouds(objects), truth.trees(objects), truth.normals(objects)
+        clouds, trees, normals = (
+            [truth.points[number] for number in objects],
+            truth.trees(objects),
+            truth.normals(objects),
+        )
         before = self.start.to(truth.points.dtype).expand(len(objects), -1, -1)
         total = truth.points.new_zeros(len(objects))
         for vertices in stages:
@@ -210,7 +213,7 @@ class DeformedSphere(SingleImageModel):
 
 class Voxels(SingleImageModel):
     """3D-R2N2's encoder and decoder on one view: the image as a vector, a grid of 4^3 cells, deconvolutions to 32^3.
-    The grid is a cube of `GRID_EDGE` around the object, along the world's axes: the camera is not used. Where objects
+    The grid is a cube of `DIAGONAL` around the object, along the world's axes: the camera is not used. Where objects
     keep their size the cube has that of the largest. The decoder has `hidden`, the vector's length, `channels` of the
     grids of 4, 8, 16 and 32 cells an edge, and `level`, the probability at which the surface is drawn."""
 
@@ -252,7 +255,8 @@ class Voxels(SingleImageModel):
 
 def image_code(channels: int, hidden: int) -> nn.Sequential:
     """(B, channels, h, w) to (B, hidden)."""
-    return nn.Sequential(nn.AdaptiveAvgPool2d(CODE_CELLS), nn.Flatten(), LinearBlock(channels * CODE_CELLS**2, hidden))
+    layer = nn.Sequential(nn.Linear(channels * CODE_CELLS**2, hidden), nn.ReLU())
+    return nn.Sequential(nn.AdaptiveAvgPool2d(CODE_CELLS), nn.Flatten(), layer)
 
 
 def view_axes(camera: Tensor) -> Tensor:
