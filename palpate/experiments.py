@@ -35,14 +35,10 @@ class Correction:
 @dataclass(frozen=True)
 class Experiment:
     """One model: a combination of a grid of config/experiments.yaml.
-    Attributes:
-        name: made of its properties (`name_of`), or stated there.
-        strategy: one of `palpate.strategies`, by its name.
-        vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
-        fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
-        weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
-        correction: its last step, by the touched points; None: it has none, or no touch. Training is without.
-        architecture: what it changes in the recipe's architecture."""
+    name: made of its properties (`name_of`), or stated. strategy: by its name. vision: of `strategies.VISIONS`. grasps:
+    how many at most. fewer_grasps: whether it is trained with any number of them; from none where it has vision.
+    weights: the experiment whose trained model it is evaluated with; None: its own. correction: its last step, by the
+    touched points, after training. architecture: what it changes in the recipe's."""
 
     name: str
     strategy: str
@@ -150,9 +146,8 @@ class Experiments:
     @classmethod
     def read(cls, path: Path | str, schema: Path | str) -> "Experiments":
         """The file's experiments and tables, checked against its schema. Raises ConfigError, naming the experiment, for
-        an unknown method, two experiments of one name, weights that are not of a trained experiment with the same
-        vision, or inputs that the method can't have; and naming the table, for an experiment, or a value of a grid,
-        that no experiment is defined of."""
+        an unknown method, a name that is there twice, weights of no trained experiment with the same vision, or inputs
+        that the method can't have; and naming the table, for what no experiment is defined of."""
         declared = read_yaml(path)
         check(declared, schema, str(path))
         try:

@@ -1,6 +1,5 @@
-"""The Chamfer distance between point clouds, by exact nearest neighbours; gradients flow through the pairs found.
-On a CPU neighbours are found with k-d trees; on a GPU by a search over blocks of queries, which never holds all
-pairs."""
+"""The Chamfer distance between point clouds, by exact nearest neighbours; gradients flow through the pairs found. On a
+CPU by k-d trees; on a GPU by blocks of queries, which never hold all pairs."""
 
 from collections.abc import Sequence
 
@@ -46,8 +45,8 @@ def nearest_in_blocks(query: Tensor, points: Tensor, pairs: int = BLOCK_PAIRS) -
 
 
 def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tensor:
-    """Which point (m, 3) lies nearest to each query (n, 3), exactly: (n,) int64. tree: `build_tree(points)` if it is
-    there already; used on a CPU only. Raises ValueError if a cloud is empty or holds NaN or infinity."""
+    """Which point (m, 3) lies nearest to each query (n, 3), exactly: (n,) int64. tree: `build_tree(points)`, used on a
+    CPU only. Raises ValueError if a cloud is empty or holds NaN or infinity."""
     query = checked(query)
     if query.device.type != "cpu":
         return nearest_in_blocks(query, checked(points))
@@ -63,11 +62,10 @@ def mean_squared(query: Tensor, points: Tensor, index: Tensor) -> Tensor:
 
 
 def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] | None = None) -> Tensor:
-    """Mean squared distance from each query to the nearest point, for each pair of clouds: (B,) m^2. query, points:
-    (B, n, 3) and (B, m, 3) metres, or sequences of B clouds (n_i, 3) and (m_i, 3). trees: `build_tree` of each cloud of
-    points, if they are there already; used on a CPU only. The result is float32 or more, and differentiable in both
-    clouds; times `palpate.protocol.CHAMFER_SCALE` it is in the tables' unit. Raises ValueError if a cloud is empty or
-    holds NaN or infinity, or the numbers of clouds differ."""
+    """Mean squared distance (B,) m^2 from each query to the nearest point, for each pair of clouds; differentiable in
+    both, in float32 at least. query, points: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds. trees:
+    `build_tree` of each cloud of points, used on a CPU only. Raises ValueError if a cloud is empty, NaN or infinite, or
+    their numbers differ."""
     if len(query) != len(points) or not len(query):
         raise ValueError(f"{len(query)} clouds against {len(points)}; must be as many, and at least one")
     trees = trees or [None] * len(query)
@@ -84,10 +82,9 @@ def chamfer_distance(
 
 
 def plane_normals(points: np.ndarray, tree: cKDTree) -> np.ndarray:
-    """Unit normals (n, 3), of either sign, of the planes that fit a cloud best around some points. points: (n, 3).
-    tree: of the cloud, in the same frame; the plane at a point is laid through the cloud's nearest `PLANE_POINTS`
-    (Hoppe et al. 1992, Surface Reconstruction from Unorganized Points). The sign is not known on thin objects, and is
-    left open."""
+    """Unit normals (n, 3), of either sign, of the planes around points (n, 3) that fit a cloud best: through its
+    nearest `PLANE_POINTS` (Hoppe et al. 1992, Surface Reconstruction from Unorganized Points). tree: of the cloud, same
+    frame."""
     _, near = tree.query(points, k=min(PLANE_POINTS, tree.n))
     around = tree.data[near]
     around = around - around.mean(axis=1, keepdims=True)

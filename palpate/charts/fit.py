@@ -29,11 +29,10 @@ def spread(valid: Tensor, count: int) -> Tensor:
 
 def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, size: Size = DIGIT.size) -> Tensor:
     """Touch charts (k, 81, 3) of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
-    and in each of them nine of its pixels in contact. Every vertex is a point of the cloud.
-    depth: (k, r, c) metres from the sensor plane at the centres of pixels. valid: (k, r, c) bool, pixels in contact.
-    position: (k, 3) metres and rotation: (k, 3, 3) of the sensors; columns are the frame's axes. size: of the sensors.
-    The charts are in the frame and type of the positions, vertices ordered as in `touch_chart()`.
-    Raises ValueError if a chart has no valid pixel, or a valid depth is NaN or infinite."""
+    and in each nine of its pixels in contact. depth: (k, r, c) m from the sensor plane; valid: (k, r, c) bool, in
+    contact. position: (k, 3) m, rotation: (k, 3, 3) of the sensors, in whose frame and type the charts are; size:
+    theirs. Vertices are ordered as in `touch_chart()`. Raises ValueError if a chart has no valid pixel, or a valid
+    depth is NaN or infinite."""
     rows, columns = depth.shape[1:]
     if not valid.flatten(1).any(dim=1).all():
         raise ValueError("a depth map without valid pixels has no touch chart; leave it out")
@@ -54,12 +53,11 @@ def placed(points: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
 
 
 def fit_atlas(points: Tensor, steps: int = 60, rate: float = 0.01, samples: int = 1500) -> Tensor:
-    """The vertices (1154, 3) of the atlas's sphere, `palpate.charts.sphere`, moved to an object's surface.
-    Adam lowers the Chamfer distance between surface points and points sampled on the mesh, plus `EDGE` times the mean
-    squared side of its faces (Wang et al. 2018, "Pixel2Mesh"). It begins with an ellipsoid in the object's box.
-    points: (n, 3) metres, on the surface. steps: of Adam, whose rate (m) falls to 0 along a line. samples: points of
-    either cloud that look for the nearest of the other in a step. The result has the type of the points, and depends on
-    nothing else. Raises ValueError if there is no point, or one is NaN or infinite."""
+    """The vertices (1154, 3) of the atlas's sphere, moved to surface points (n, 3) m of an object, in their type. Adam
+    lowers the Chamfer distance to points sampled on the mesh, plus `EDGE` times the mean squared side of its faces
+    (Wang et al. 2018, "Pixel2Mesh"). It begins with an ellipsoid in the object's box. steps: of Adam, whose rate (m)
+    falls to 0 along a line. samples: points of either cloud in a step. Raises ValueError if there is no point, or one
+    is NaN or infinite."""
     generator = torch.Generator().manual_seed(0)
     with torch.inference_mode(False), torch.enable_grad():
         points, (ball, faces) = points.detach().clone(), sphere()

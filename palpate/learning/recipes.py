@@ -70,8 +70,8 @@ class Recipe:
     @classmethod
     def read(cls, recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> "Recipe":
         """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked. Raises ConfigError,
-        naming the keys, if there is no such recipe, or the file or the result does not fit the schema or has neither
-        steps nor epochs."""
+        naming the keys, for an unknown recipe, or if a part of it does not fit the schema or has neither steps nor
+        epochs."""
         known = yaml.safe_load(Path(recipes).read_text())
         check(known, schema, str(recipes))
         if name not in known:
@@ -94,8 +94,7 @@ class Recipe:
 
     def settings(self, experiment: Experiment) -> ReconstructionSettings:
         """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
-        Architecture `paper` is resolved. Steps, epochs and the steps between evaluations are then multiplied by
-        `steps_factor`, if there is one."""
+        Steps, epochs and the steps between evaluations are then multiplied by `steps_factor`, if there is one."""
         merged = merge(self.reconstruction, self.modalities.get(experiment.modality, {}))
         merged = merge(merged, self.strategies.get(experiment.strategy, {}))
         papers = merged["architecture"] == "paper"

@@ -101,10 +101,9 @@ def reconstruct(
 
 
 class Reconstructor:
-    """A trained model, loaded once: `model(image, touches) -> Shape`, `model.predict(record) -> Shape`.
-    model: its folder or checkpoint, as `reconstruct` takes it. device: of torch. Raises ReconstructionError if the
-    model is not there (naming those that are), its run has no U-Net, or the device can't be used; CheckpointError as
-    `palpate.learning.checkpoints.load` does."""
+    """A trained model, loaded once: `model(image, touches) -> Shape`, `model.predict(record) -> Shape`. Raises
+    ReconstructionError if the model is not there (naming those that are), its run has no U-Net, or the device can't be
+    used; CheckpointError as `palpate.learning.checkpoints.load` does."""
 
     def __init__(self, model: Path | str, device: str = "cpu"):
         self.path = checkpoint(model)
@@ -360,10 +359,9 @@ def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
 def of_object(
     record: ObjectRecord, experiment: Experiment, grasps: Sequence[int] | None = None, view: int = 0
 ) -> Inputs:
-    """The inputs of a model from an object of the dataset.
-    experiment: the model's. grasps: numbers of the grasps, as many as the model takes; the first ones by default. An
-    occluded image is that of the first of them. view: number of the view, for a model of single views, or of the
-    camera. Raises ReconstructionError for a grasp or view that the object does not have."""
+    """The inputs of a model of an experiment from an object of the dataset. grasps: numbers; by default the first, as
+    many as it takes; an occluded image is that of the first. view: number of the view, or of the camera. Raises
+    ReconstructionError for a grasp or view that the object does not have."""
     available = record.grasps if experiment.takes_grasps else []
     default = range(min(experiment.grasps, len(available)) if experiment.fewer_grasps else experiment.grasps)
     numbers = list(default if grasps is None else grasps)

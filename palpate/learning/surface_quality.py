@@ -42,7 +42,7 @@ class Topology(NamedTuple):
 
 @cache
 def topology(start: Start | None) -> Topology | None:
-    """Of the vision charts, or of the closed sphere, by what a strategy deforms; None if it deforms neither."""
+    """Of what a strategy deforms: the vision charts or the closed sphere; None for neither."""
     if start is None or start == "sphere":
         return topology_of(sphere()[1].numpy()) if start else None
     atlas = vision_atlas()

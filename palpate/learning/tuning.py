@@ -41,9 +41,8 @@ def layers_of_blocks(count: int) -> list[int]:
 def point_settings(
     settings: ReconstructionSettings, point: Mapping[str, Any], steps: int | None
 ) -> ReconstructionSettings:
-    """The settings of one training of the grid: those of the experiment, with some layers and the rate of a point. Maps
-    are pooled after the last three blocks, as in the paper's tables. steps: replaces those of the settings, unless
-    None."""
+    """The settings of one training of the grid: those of the experiment, with a point's layers and rate. Maps are
+    pooled after the last three blocks, as in the paper's tables. steps: replaces those of the settings, unless None."""
     layers, old = layers_of_blocks(point["cnn_layers"]), settings.architecture
     encoder = replace(required(old.encoder, "encoder"), layers=layers, pool=list(itertools.accumulate(layers))[1:])
     gcn = replace(required(old.gcn, "gcn"), layers=point["gcn_layers"], width=point["width"])

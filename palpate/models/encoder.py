@@ -18,10 +18,8 @@ NORMS: dict[str, Callable[[int], nn.Module]] = {
 
 
 class ConvolutionBlock(nn.Sequential):
-    """A row of the paper's tables: convolution, normalisation (`norm`: batch, instance or none), ReLU.
-    (B, inputs, H, W) -> (B, outputs, H', W') with H' = (H + 2 padding - kernel) // stride + 1. The convolution has a
-    bias only without normalisation, which would remove it; its weights then keep the size of features
-    (He et al. 2015)."""
+    """A row of the paper's tables: convolution, normalisation (`norm`: batch, instance or none), ReLU. Without
+    normalisation the convolution has a bias, and weights that keep the size of features (He et al. 2015)."""
 
     def __init__(
         self, inputs: int, outputs: int, kernel: int = 3, stride: int = 1, padding: int = 0, norm: str = "batch"
@@ -90,8 +88,7 @@ class ImageEncoder(nn.Module):
 
 class ReadingEncoder(nn.Module):
     """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1). The paper doesn't
-    give its layers. Here: four convolutions (3 x 3, stride 2), the mean over the map, and a linear layer to `features`.
-    Nothing is normalised: how much of a reading differs from the empty one is its content."""
+    give its layers. Nothing is normalised: how much a reading differs from the empty one is its content."""
 
     def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64)):
         super().__init__()

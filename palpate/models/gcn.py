@@ -67,9 +67,9 @@ class ZeroNeighbour(torch.autograd.Function):
 
 @torch.no_grad()
 def initialise(weight: Tensor, init: str, scale: float = 1.0, fan_in: int | None = None) -> None:
-    """Fill weights (inputs, outputs) with random numbers, times `scale`. init: `he`, normal of variance 2 / fan_in;
-    `paper`, the published code's uniform numbers. fan_in: the number of inputs that are summed; the weights' rows if
-    None. Raises ValueError for another init."""
+    """Fill weights (inputs, outputs) with random numbers, times `scale`. init: `he`, normal of variance 2 / fan_in, or
+    `paper`, the published code's uniform ones; ValueError for others. fan_in: inputs that are summed; None: all
+    rows."""
     inputs = fan_in or len(weight)
     if init == "he":
         weight.normal_(std=math.sqrt(2 / inputs))
@@ -82,10 +82,9 @@ def initialise(weight: Tensor, init: str, scale: float = 1.0, fan_in: int | None
 
 
 class ZeroNeighbourLayer(nn.Module):
-    """X W; the first third of the output channels, or all, summed over the neighbourhood; bias; ReLU. The graph
-    operation is `Graph.aggregate`. It works on `outputs // 3` channels only, the others pass (the published code; a
-    zero-neighbour layer is GEOMetrics'). The last layer of a network has relu False, and sums `shared` of its channels,
-    the coordinates (the published code: all 3; its first release: 1). slope: of the ReLU below 0."""
+    """X W; the first third of the output channels, or all, summed over the neighbourhood; bias; ReLU (the published
+    code; GEOMetrics). The last layer of a network has relu False, and sums `shared` of its channels, the coordinates
+    (the published code: all 3; its first release: 1). slope: of the ReLU below 0."""
 
     def __init__(self, inputs: int, outputs: int, relu: bool = True, shared: int = 3, slope: float = 0.0):
         super().__init__()
@@ -113,9 +112,9 @@ class ZeroNeighbourLayer(nn.Module):
 
 
 class GraphNetwork(nn.Module):
-    """The zero-neighbour layers that `options` has; the last gives the 3 coordinates of a residual. init,
-    last_layer_scale: see `initialise`; the scale is the last layer's weights'. fan_in: the number of inputs of the
-    first layer, where it takes products of further inputs. Attribute: outputs, of the first layer."""
+    """The zero-neighbour layers that `options` has; the last gives the 3 coordinates of a residual. init: see
+    `initialise`. last_layer_scale: of its weights. fan_in: inputs of the first layer, with those that come as products.
+    outputs: of the first layer."""
 
     def __init__(
         self, inputs: int, options: GCN, init: str = "he", last_layer_scale: float = 0.01, fan_in: int | None = None

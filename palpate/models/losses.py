@@ -47,8 +47,8 @@ class Truth:
 
 
 class Target(NamedTuple):
-    """What the predictions of a step are compared with. truth: of all objects. objects: B numbers in it. n: points that
-    are sampled on each prediction, and taken of the true ones. generator: of the random choices."""
+    """What the predictions of a step are compared with: B numbers of `objects` in `truth`. n: points that are sampled
+    on each prediction, and taken of the true ones."""
 
     truth: Truth
     objects: Sequence[int]
@@ -57,9 +57,8 @@ class Target(NamedTuple):
 
 
 def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
-    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose. As the published
-    voxels, cells are occupied that the surface passes, and those within it. relative_size: of the grid to a
-    cube with the edge `DIAGONAL`."""
+    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose, as the published
+    voxels. relative_size: of the grid to a cube with the edge `DIAGONAL`."""
     cell = CELL * relative_size
     index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / cell + GRID / 2).floor().long()
     shell = np.zeros((GRID, GRID, GRID), dtype=bool)

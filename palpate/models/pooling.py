@@ -21,9 +21,9 @@ def relative_camera(camera: Tensor, size: int) -> Tensor:
 
 
 class BilinearSum(torch.autograd.Function):
-    """Weighted sums of rows: y_v = sum_k weight_vk table[row_vk], for bilinear interpolation in several maps at once.
-    table (R, C), row (n, k) int64, weight (n, k) -> (n, C). The gradient of the table is the transposed sum, with its
-    terms sorted by row: on a CPU many times faster than to scatter them."""
+    """Weighted sums of rows, for bilinear interpolation in several maps at once: table (R, C), row (n, k) int64, weight
+    (n, k) -> (n, C). The gradient of the table is the transposed sum, with its terms sorted by row: on a CPU many times
+    faster than to scatter them."""
 
     @staticmethod
     def forward(ctx: Any, table: Tensor, row: Tensor, weight: Tensor) -> Tensor:
@@ -80,12 +80,11 @@ def map_products(maps: Sequence[Tensor], weight: Tensor) -> tuple[Tensor, list[i
 
 
 def pool(maps: Sequence[Tensor], positions: Tensor, camera: Tensor) -> Tensor:
-    """The features of each map at each vertex, by bilinear interpolation: (V, B, sum of the maps' channels).
-    A map covers the image from edge to edge, its cells being equal squares (supplement, "Chart Feature ...": "the
-    location of this projection ... corresponds exactly to a position in each feature map"). Without padding cells see
-    further in. Positions outside the map take the value at its edge.
-    maps: each (B, C, h, h). positions: (V, B, 3) in the world, metres. camera: (3, 4) or (B, 3, 4), from the world to
-    homogeneous coordinates in [-1, 1] over the image (`relative_camera`)."""
+    """The features of each map (B, C, h, h) at each vertex, by bilinear interpolation: (V, B, sum of C).
+    A map covers the image from edge to edge, its cells being equal squares (supplement: "the location of this
+    projection ... corresponds exactly to a position in each feature map"). Positions outside take the value at its
+    edge. positions: (V, B, 3) m, world. camera: (3, 4) or (B, 3, 4), from the world to [-1, 1] over the image
+    (`relative_camera`)."""
     place = _project(positions, camera)
     pooled = []
     for features in maps:

@@ -1,6 +1,5 @@
-"""Retrieval: the training object that fits best, as the prediction. Nothing is trained.
-That it rivals trained networks is known (Tatarchenko et al. 2019, "What do single-view 3D reconstruction networks
-learn?"): it says how alike objects are."""
+"""Retrieval: the training object that fits best, as the prediction. Nothing is trained. That it rivals trained networks
+is known (Tatarchenko et al. 2019, "What do single-view 3D reconstruction networks learn?")."""
 
 from collections.abc import Mapping
 from functools import cache, cached_property
@@ -25,8 +24,7 @@ EXCLUDED = -1e6  # the fit of an object that is not to be taken. It is finite: t
 class Retrieval:
     """The object of a collection that fits a sample best; ties go to the first. A fit is the intersection over union of
     the silhouettes, less TOUCH_WEIGHT times the mean squared distance of the touched points to the object, each capped.
-    Where nothing was seen or touched that term is 0. correction: the last step, or None. sensor: that touches are of;
-    their number is free."""
+    What was not seen or touched counts 0. correction: the last step, or None."""
 
     hand_sensors = None
 
@@ -49,8 +47,8 @@ class Retrieval:
 
 
 class Objects:
-    """The objects that are retrieved: points (T, n, 3) m on their surfaces, and masks (T, k, p, p) bool, as k cameras
-    see them, or None."""
+    """The objects that are retrieved: points (T, n, 3) m, and masks (T, k, p, p) bool as k cameras see them, or
+    None."""
 
     def __init__(self, points: Tensor, masks: Tensor | None = None):
         self.points = points
@@ -75,8 +73,8 @@ class Objects:
 
     def _best(self, overlap: np.ndarray, touched: Tensor, count: int) -> list[tuple[float, int]]:
         """The best fits with their objects, by the objects' overlap (T,) and the touched points (n, 3). Objects come in
-        the order of what their fit can be at most, until none can be better. An object's distances are measured part by
-        part of the points, until its fit can't be better."""
+        the order of what their fit can be at most, and are measured part by part of the points, until none can be
+        better."""
         places = touched.double().numpy()
         least = self.least_squares(places) if len(places) else np.zeros((len(overlap), 1))
         most = overlap - TOUCH_WEIGHT * least.mean(axis=1)
@@ -95,8 +93,7 @@ class Objects:
         return best
 
     def overlap(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """The intersection over union (B, T) of the samples' silhouettes with the objects' by the same camera, outside
-        the hand."""
+        """The intersection over union (B, T) of the samples' silhouettes with the objects', outside the hand."""
         seen, overlap = batch["mask"].flatten(1).float(), torch.empty(len(batch["mask"]), len(self.points))
         for number in batch["camera_number"].unique():
             of_camera = batch["camera_number"] == number

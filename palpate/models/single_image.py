@@ -90,11 +90,10 @@ class SingleImageModel(nn.Module, ABC):
 
 
 class PointSet(SingleImageModel):
-    """PSG with two branches (its section 4.1): a fully connected one, and one of deconvolutions. The deconvolutions go
-    from the encoder's last pooled map back to its first, each adding the pooled map of its size. Every cell of the last
-    one gives a point. Points are predicted in the view's frame, about the object. The decoder has `hidden`, the width
-    of the fully connected layer, and `points`, how many that branch gives. The encoder has padding 1, and its pooled
-    maps are of blocks that follow each other."""
+    """PSG with two branches (its section 4.1): a fully connected one, and one of deconvolutions, from the encoder's
+    last pooled map back to its first, each adding the pooled map of its size. Every cell of the last one gives a point.
+    Points are in the view's frame, about the object. The decoder has `hidden`, the width of the connected layer, and
+    its `points`."""
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
@@ -138,10 +137,9 @@ class PointSet(SingleImageModel):
 
 
 class DeformedSphere(SingleImageModel):
-    """Pixel2Mesh without unpooling: a sphere deformed in several blocks with weights of their own. Each block's graph
-    network moves the vertices by the image features where they project and by their positions. There are as many blocks
-    as `deformations`. Attributes: faces, (2304, 3) int64; edges, (E, 2) int64, each once; start, (V, 3) m, the
-    sphere."""
+    """Pixel2Mesh without unpooling: a sphere deformed in `deformations` blocks with weights of their own. Each moves
+    the vertices by the image features where they project and by their positions. faces: (2304, 3) int64; edges: (E, 2),
+    each once; start: (V, 3) m, the sphere."""
 
     start: Tensor
     faces: Tensor
@@ -174,22 +172,17 @@ class DeformedSphere(SingleImageModel):
         return stages
 
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
-        """Pixel2Mesh's loss, the mean over its blocks (the publication: the sum). Of each block: the Chamfer distance
-        between vertices and true points, the edges' squared length, the change of each vertex's Laplacian coordinate by
-        the block, and how far edges are from tangential at the nearest true point. Each is a mean, as in the published
-        code, and times 9000."""
+        """Pixel2Mesh's loss, the mean over its blocks (the publication: the sum), each of means, as in the published
+        code: the Chamfer distance between vertices and true points, the edges' squared length, the change of Laplacian
+        coordinates, and how far edges are from tangential at the nearest true point."""
         truth, objects, n, generator = target
-        clouds, trees, normals = (
-            [truth.points[number] for number in objects],
-            truth.trees(objects),
-            truth.normals(objects),
-        )
+        clouds = [truth.points[number] for number in objects]
+        trees, normals = truth.trees(objects), truth.normals(objects)
         before = self.start.to(truth.points.dtype).expand(len(objects), -1, -1)
         total = truth.points.new_zeros(len(objects))
         for vertices in stages:
             vertices = vertices.to(truth.points.dtype)
-            searches = zip(vertices, clouds, trees or [None] * len(clouds), strict=True)
-            index = [nearest(*search) for search in searches]
+            index = list(map(nearest, vertices, clouds, trees or [None] * len(clouds)))
             met = torch.stack([cloud[rows] for cloud, rows in zip(clouds, index, strict=True)])
             there = (vertices - met).square().sum(dim=2).mean(dim=1)
             back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], vertices)
@@ -213,9 +206,9 @@ class DeformedSphere(SingleImageModel):
 
 class Voxels(SingleImageModel):
     """3D-R2N2's encoder and decoder on one view: the image as a vector, a grid of 4^3 cells, deconvolutions to 32^3.
-    The grid is a cube of `DIAGONAL` around the object, along the world's axes: the camera is not used. Where objects
-    keep their size the cube has that of the largest. The decoder has `hidden`, the vector's length, `channels` of the
-    grids of 4, 8, 16 and 32 cells an edge, and `level`, the probability at which the surface is drawn."""
+    The grid is a cube around the object, along the world's axes; the camera is not used. The decoder has `hidden`, the
+    vector's length, `channels` of the grids of 4, 8, 16 and 32 cells an edge, and `level`, the probability of the
+    surface."""
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
@@ -260,8 +253,8 @@ def image_code(channels: int, hidden: int) -> nn.Sequential:
 
 
 def view_axes(camera: Tensor) -> Tensor:
-    """The axes of views in the world: right, down and forward, the rows of (B, 3, 3). camera: (B, 3, 4) from
-    homogeneous world coordinates to homogeneous pixels; square pixels without skew."""
+    """The axes of views in the world, right, down and forward: rows of (B, 3, 3). camera: (B, 3, 4) to homogeneous
+    pixels, which are square."""
     forward = functional.normalize(camera[:, 2, :3], dim=1)
     across = camera[:, 0, :3]
     right = functional.normalize(across - (across * forward).sum(dim=1, keepdim=True) * forward, dim=1)
@@ -269,8 +262,7 @@ def view_axes(camera: Tensor) -> Tensor:
 
 
 def laplacian(vertices: Tensor, edges: Tensor) -> Tensor:
-    """Laplacian coordinates (B, V, 3): each vertex less the mean of its neighbours. vertices: (B, V, 3). edges: (E, 2),
-    each once; every vertex has one."""
+    """Laplacian coordinates (B, V, 3): each vertex less the mean of its neighbours. edges: (E, 2), each once."""
     ends, others = torch.cat([edges, edges.flip(1)]).T
     count = torch.bincount(ends, minlength=vertices.shape[1]).to(vertices.dtype)
     return vertices - torch.zeros_like(vertices).index_add(1, ends, vertices[:, others]) / count[:, None]
@@ -283,9 +275,9 @@ def mean_cosine(edges: Tensor, normals: Tensor, ends: Tensor) -> Tensor:
 
 
 def grid_surface(values: np.ndarray, level: float, cell: float = CELL) -> tuple[np.ndarray, np.ndarray]:
-    """The surface where values (n, n, n), on a grid around the object, equal a level, by marching cubes. cell: m, from
-    value to value. Beyond the grid values are 0, below the level: the surface is closed. Returns vertices (V, 3)
-    float64 m, world frame, and faces (F, 3) int64, counterclockwise seen from where values are lower."""
+    """The surface where values (n, n, n), on a grid around the object, equal a level, by marching cubes; beyond the
+    grid values are 0. cell: m, from value to value. Returns vertices (V, 3) float64 m, world frame, and faces (F, 3),
+    counterclockwise from outside."""
     padded = np.pad(values.astype(np.float64), 1)
     count = len(padded)
     vertices, faces, _ = igl.marching_cubes(

@@ -14,10 +14,9 @@ IMPRESSION = 0.005
 
 
 class TouchDepth(nn.Module):
-    """The U-Net of the supplement's table "U-Net style network": reading -> distance from the sensor plane. width:
-    channels of the first level (the paper's 64), doubled at each of the four levels below. sensor: whose readings it
-    takes. The network's output is the impression's depth D' in units of `IMPRESSION`, and the distance is w - D'
-    (supplement, "Simulating Touch"), so that an output of 0 is the undeformed gel."""
+    """The supplement's "U-Net style network": reading -> distance from the sensor plane. width: channels of the first
+    level (the paper's 64), doubled at each of the four below. Its output is the impression's depth D' in units of
+    `IMPRESSION`, the distance w - D' (supplement, "Simulating Touch"): an output of 0 is the undeformed gel."""
 
     def __init__(self, width: int = 64, sensor: Sensor = DIGIT):
         super().__init__()
