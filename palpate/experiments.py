@@ -4,13 +4,38 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from palpate.configuration import ConfigError, check, merge, plain, read_yaml
-from palpate.methods import METHODS, Method
 from palpate.strategies import Strategy, strategy
 
 SPLITS = ("validation", "test")  # that models are tested on
+
+
+class Method(NamedTuple):
+    """A method of reconstruction: a row of `methods.yaml`, which explains them, by its name there."""
+
+    name: str
+    title: str
+    strategy: str
+    whose: str = ""
+    architecture: Mapping[str, Any] = {}
+    correction: Mapping[str, float] | None = None
+    stated_as: str | None = None
+    exchanged: Mapping[str, str | None] | None = None
+    communication: str = ""
+    claims: bool = True
+
+    @property
+    def label(self) -> str:
+        """The method as text: `pooled touch (ours)`."""
+        return self.title + f" ({self.whose})" * bool(self.whose)
+
+
+METHODS = {
+    name: Method(name, **{"strategy": name} | row)
+    for name, row in read_yaml(Path(__file__).with_name("methods.yaml")).items()
+}
 
 
 def name_of(row: Mapping[str, Any]) -> str:

@@ -54,13 +54,6 @@ def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tenso
     return torch.from_numpy(index)
 
 
-def mean_squared(query: Tensor, points: Tensor, index: Tensor) -> Tensor:
-    """Mean squared distance of each query (n, 3) to the point (m, 3) that `index` (n,) names. In float32 at least: in
-    float16 the squares of distances below 0.2 mm are 0."""
-    dtype = torch.promote_types(query.dtype, torch.float32)
-    return (query.to(dtype) - points.to(dtype)[index]).square().sum(dim=1).mean()
-
-
 def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] | None = None) -> Tensor:
     """Mean squared distance (B,) m^2 from each query to the nearest point, for each pair of clouds; differentiable in
     both, in float32 at least. query, points: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds. trees:
@@ -68,9 +61,12 @@ def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] |
     their numbers differ."""
     if len(query) != len(points) or not len(query):
         raise ValueError(f"{len(query)} clouds against {len(points)}; must be as many, and at least one")
-    trees = trees or [None] * len(query)
-    pairs = zip(query, points, trees, strict=True)
-    return torch.stack([mean_squared(cloud, others, nearest(cloud, others, tree)) for cloud, others, tree in pairs])
+    distances = []
+    for cloud, others, tree in zip(query, points, trees or [None] * len(query), strict=True):
+        dtype = torch.promote_types(cloud.dtype, torch.float32)  # In float16 squares of less than 0.2 mm are 0.
+        met = others.to(dtype)[nearest(cloud, others, tree)]
+        distances.append((cloud.to(dtype) - met).square().sum(dim=1).mean())
+    return torch.stack(distances)
 
 
 def chamfer_distance(

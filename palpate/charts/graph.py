@@ -18,13 +18,6 @@ def mesh_edges(faces: Tensor) -> Tensor:
     return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
-def _factors(count: Tensor, symmetric: bool) -> tuple[Tensor, Tensor]:
-    """out and into (V,): v weighs out_u into_v in the sum of u, which has `count` summands."""
-    if symmetric:
-        return (count.double().rsqrt(),) * 2
-    return count.double().reciprocal(), torch.ones(len(count), dtype=torch.float64)
-
-
 class Graph(nn.Module):
     """Vertices of all charts and their neighbourhoods (paper, section 3): `vertices` of them, with `faces` (F, 3)
     int64.
@@ -76,7 +69,9 @@ class Graph(nn.Module):
         if self.touch_charts:
             count[boundary] += self.touch_charts
             count[self.reference] += len(boundary)
-        out, into = _factors(count, self.normalisation == "symmetric")
+        # Vertex v weighs out_u into_v in the sum of u.
+        out = count.double().rsqrt() if self.normalisation == "symmetric" else count.double().reciprocal()
+        into = out if self.normalisation == "symmetric" else torch.ones_like(out)
         weight, transposed = out[row] * into[neighbour], into[row] * out[neighbour]
         ends = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
         if self.touch_charts:

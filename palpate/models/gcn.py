@@ -11,8 +11,6 @@ from torch.autograd.function import once_differentiable
 from palpate.architectures import GCN
 from palpate.charts.graph import Graph
 
-INITS = ("paper", "he")
-
 
 class ZeroNeighbour(torch.autograd.Function):
     """relu(A(X W + P) + b), where A sums the first `shared` channels over neighbourhoods, in few passes. P, or None,
@@ -77,7 +75,7 @@ def initialise(weight: Tensor, init: str, scale: float = 1.0, fan_in: int | None
         bound = 1.8 / math.sqrt(inputs + 1)
         weight.uniform_(-bound, bound)
     else:
-        raise ValueError(f"init {init!r}: choose one of {list(INITS)}")
+        raise ValueError(f"init {init!r}: choose one of paper, he")
     weight.mul_(scale)
 
 

@@ -37,17 +37,10 @@ Batch = Mapping[str, Tensor]
 
 class Reconstruction(nn.Module):
     """From an image, touches, or both, to the vertices of a mesh (paper, section 3 and supplement).
-    Args:
-        experiment: what the model takes, and its strategy (`palpate.strategies`).
-        architecture: layers and options, see `palpate.architectures`.
-        hand_sensors: s, touches a grasp: the hand's. sensor: the kind that they are of.
-        templates: of training objects, of a strategy that begins with them.
-    Attributes:
-        faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives: vision charts, then touch charts; where
-            these are copied, those without success have no area. moving_faces: (M, 3), of charts that move.
-        sensors: largest number of touches, s times the grasps, or 0.
-        touch_input: how touches reach the vertices: in the `graph`, `pooled`, as `readings`, or None.
-        copies_touch: whether touch charts are added to the mesh as they are.
+    hand_sensors: s, touches a grasp. sensor: the kind that they are of. templates: of training objects, if the strategy
+    begins with them. faces: (F, 3) int64 of the mesh whose vertices `forward` gives: vision charts, then touch charts,
+    without area where these are copied without success. moving_faces: (M, 3), of charts that move. sensors: the most
+    touches. touch_input: how they reach the vertices. copies_touch: whether their charts are in the mesh as they are.
     With a `correction` the vision charts are bent to the touched points as the last step (`palpate.models.kriging`).
     With `fewer_grasps` a batch may have the touches of any number of grasps up to the experiment's, or of none.
     Raises ValueError for a combination that can't be: neither vision nor touch, no touch where the strategy is about
@@ -72,8 +65,20 @@ class Reconstruction(nn.Module):
         templates: Templates | None = None,
     ):
         super().__init__()
-        _check_experiment(experiment)
-        plan, gcn = experiment.plan, required(architecture.gcn, "gcn")
+        strategy, plan, vision, touch = experiment.strategy, experiment.plan, experiment.has_vision, experiment.touch
+        if plan.start is None:
+            raise ValueError(f"strategy {strategy!r} deforms no charts: it has another network")
+        if not (vision or touch):
+            raise ValueError("a model needs vision, touch, or both")
+        if plan.needs_touch and not touch:
+            raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
+        if plan.needs_vision and not vision:
+            raise ValueError(f"strategy {strategy} without vision would deform the vision charts without any input")
+        if experiment.correction and not experiment.takes_charts:
+            raise ValueError(f"strategy {strategy} has no touch charts to correct by")
+        if experiment.grasps < 1:
+            raise ValueError(f"{experiment.grasps} grasps: at least 1")
+        gcn = required(architecture.gcn, "gcn")
         if (templates is not None) != (plan.start == "templates"):
             raise ValueError("templates are for strategy template, which needs them")
         self.templates = templates
@@ -301,19 +306,3 @@ class Reconstruction(nn.Module):
 def _below(faces: Tensor, vertices: int) -> Tensor:
     """The faces of the first vertices: without touch charts that a sample with fewer grasps does not have."""
     return faces[(faces < vertices).all(dim=1)]
-
-
-def _check_experiment(experiment: Experiment) -> None:
-    strategy, plan, vision, touch = experiment.strategy, experiment.plan, experiment.has_vision, experiment.touch
-    if plan.start is None:
-        raise ValueError(f"strategy {strategy!r} deforms no charts: it has another network")
-    if not (vision or touch):
-        raise ValueError("a model needs vision, touch, or both")
-    if plan.needs_touch and not touch:
-        raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
-    if plan.needs_vision and not vision:
-        raise ValueError(f"strategy {strategy} without vision would deform the vision charts without any input")
-    if experiment.correction and not experiment.takes_charts:
-        raise ValueError(f"strategy {strategy} has no touch charts to correct by")
-    if experiment.grasps < 1:
-        raise ValueError(f"{experiment.grasps} grasps: at least 1")

@@ -1,12 +1,7 @@
 """Published networks from a single image to a shape, to compare with: a point set, a deformed sphere, voxels.
-
-| strategy | published as | here |
-|---|---|---|
-| `psg` | PSG: Fan et al. 2017, "A Point Set Generation Network" | `PointSet` |
-| `pixel2mesh` | Pixel2Mesh: Wang et al. 2018 | `DeformedSphere` |
-| `r2n2` | 3D-R2N2: Choy et al. 2016, its encoder and decoder | `Voxels` |
-All have the image encoder of `Reconstruction`, and the losses that they were published with; validation is by Chamfer
-distance for all. docs/single_image.md says what else differs from the publications."""
+`psg` is PSG (Fan et al. 2017, "A Point Set Generation Network"), `pixel2mesh` Pixel2Mesh (Wang et al. 2018), and `r2n2`
+the encoder and decoder of 3D-R2N2 (Choy et al. 2016). They have the image encoder of `Reconstruction` and the published
+losses; validation is by Chamfer distance. docs/single_image.md says what else differs."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
