@@ -27,8 +27,7 @@ class Method(NamedTuple):
     claims: bool = True
 
     @property
-    def label(self) -> str:
-        """The method as text: `pooled touch (ours)`."""
+    def label(self) -> str:  # the method as text: `pooled touch (ours)`
         return self.title + f" ({self.whose})" * bool(self.whose)
 
 
@@ -91,52 +90,43 @@ class Experiment:
         return strategy(self.strategy)
 
     @property
-    def method(self) -> Method:
-        """Its method: the last one of its strategy whose architecture it has."""
+    def method(self) -> Method:  # its method: the last one of its strategy whose architecture it has
         own = self.architecture
         of_strategy = (method for method in METHODS.values() if method.strategy == self.strategy)
         return [method for method in of_strategy if merge(own, method.architecture) == own][-1]
 
     @property
-    def stated_as(self) -> str:
-        """The paper's experiment of the same inputs, whose numbers stand beside its own."""
+    def stated_as(self) -> str:  # the paper's experiment of the same inputs, whose numbers stand beside its own
         other = self.method.stated_as
         return name_of(self.row() | {"method": other}) if other else self.name
 
     @property
-    def input_label(self) -> str:
-        """Its inputs as text: `unoccluded vision + touch`."""
+    def input_label(self) -> str:  # its inputs as text: `unoccluded vision + touch`
         vision = {"none": [], "views": ["single view"]}.get(self.vision, [f"{self.vision} vision"])
         return " + ".join([*vision, *["touch"] * self.touch]) or "nothing"
 
     @property
-    def has_vision(self) -> bool:
-        """Whether it takes images of any kind."""
+    def has_vision(self) -> bool:  # whether it takes images of any kind
         return self.vision != "none"
 
     @property
-    def trained(self) -> str:
-        """The experiment whose trained model it is: `models/<trained>`."""
+    def trained(self) -> str:  # the experiment whose trained model it is: `models/<trained>`
         return self.weights or self.name
 
     @property
-    def is_trained(self) -> bool:
-        """Whether it has a trained model: all but look-ups."""
+    def is_trained(self) -> bool:  # whether it has a trained model: all but look-ups
         return self.plan.is_trained
 
     @property
-    def fewest_grasps(self) -> int:
-        """The fewest grasps whose touches a sample has."""
+    def fewest_grasps(self) -> int:  # the fewest grasps whose touches a sample has
         return self.grasps if not self.fewer_grasps else 0 if self.has_vision else 1
 
     @property
-    def takes_charts(self) -> bool:
-        """Whether touches reach the model as charts, not as readings."""
+    def takes_charts(self) -> bool:  # whether touches reach the model as charts, not as readings
         return self.touch and self.plan.touch_input != "readings"
 
     @property
-    def takes_masks(self) -> bool:
-        """Whether images reach it as silhouettes: where training objects are retrieved."""
+    def takes_masks(self) -> bool:  # whether images reach it as silhouettes: where training objects are retrieved
         return self.has_vision and self.plan.takes_masks
 
     @property
@@ -145,8 +135,7 @@ class Experiment:
         return self.touch or self.vision == "occluded"
 
     @property
-    def modality(self) -> str:
-        """What recipes call its inputs: `occluded_touch`, `touch`, `single_image`."""
+    def modality(self) -> str:  # what recipes call its inputs: `occluded_touch`, `touch`, `single_image`
         if self.vision == "views":
             return "single_image"
         return "_".join([self.vision] * self.has_vision + ["touch"] * self.touch)

@@ -74,7 +74,6 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """The object's name: that of its folder."""
         return self.object_folder.name
 
     @property

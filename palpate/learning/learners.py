@@ -74,7 +74,6 @@ class Learner(nn.Module, ABC):
 
     @property
     def device(self) -> torch.device:
-        """Where the model is."""
         return next(self.model.parameters()).device
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:
@@ -182,19 +181,16 @@ class ReconstructionLearner(Learner):
         self.template = {number: place for place, number in enumerate(train)}
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:
-        """As the base says, with the true points."""
         super().begin(rank, processes)
         self.assemble = Assembler(self.data, self.experiment, self.device)
         self.truth = Truth(torch.from_numpy(self.data["points"]).to(self.device))
         self.starts: dict[tuple[Sample, ...], Tensor] = {}
 
     def training_batch(self, step: int) -> list[Sample]:
-        """Objects with some of their grasps and an image: `training_samples`."""
         settings = self.settings
         return training_samples(self.data, self.experiment, settings.batch, self.seed, step, settings.epoch)
 
     def sample_names(self, batch_samples: Sequence[Sample]) -> str:
-        """Objects, grasps and views."""
         return ", ".join(
             f"{self.data.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}"
             for sample in batch_samples
@@ -227,7 +223,6 @@ class ReconstructionLearner(Learner):
         return start
 
     def described(self) -> dict[str, Any]:
-        """The experiment, its architecture and data, and what images and touches are taken to be."""
         camera = self.data.common_camera(self.experiment)
         described = {
             "experiment": self.experiment.row(),
@@ -260,20 +255,16 @@ class TouchDepthLearner(Learner):
         self.touches = {"train": train, "validation": validation}
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:
-        """As the base says, with the touches."""
         super().begin(rank, processes)
         self.on_device = {name: touches.to(self.device) for name, touches in self.touches.items()}
 
     def training_batch(self, step: int) -> list[int]:
-        """Rows of the training touches."""
         return shuffled(len(self.touches["train"]), self.settings.batch, self.seed, step).tolist()
 
     def sample_names(self, batch_samples: Sequence[int]) -> str:
-        """Rows of touches."""
         return "touches " + ", ".join(map(str, batch_samples))
 
     def losses(self, batch_samples: Sequence[int], generator: torch.Generator, validation: bool = False) -> Tensor:
-        """`touch_depth_loss` (B,)."""
         touches = self.on_device["validation" if validation else "train"]
         rows = torch.as_tensor(batch_samples, device=self.device)
         reading, empty = touches.reading[rows].float() / 255, touches.empty.float() / 255
@@ -284,5 +275,4 @@ class TouchDepthLearner(Learner):
             return touch_depth_loss(depth.float(), valid, touches.depth[rows], n, generator, touches.sensor.size)
 
     def described(self) -> dict[str, Any]:
-        """The width of its first level, and whose readings it takes."""
         return {"width": self.settings.width, "sensor": self.model.sensor.description()}

@@ -157,9 +157,7 @@ class Reconstructor:
         inputs: dict[str, np.ndarray] = {}
         success = np.zeros(0, dtype=bool)
         if self.experiment.has_vision:
-            inputs |= self._image_inputs(image, camera)
-        if self.experiment.takes_masks:
-            inputs |= self._silhouette_inputs(silhouette, inputs["image"])
+            inputs |= self._image_inputs(image, camera, silhouette)
         if self.experiment.touch:
             sensors = self._all_touches(touches)
             poses = {"position": sensors.position, "rotation": sensors.rotation}
@@ -188,7 +186,9 @@ class Reconstructor:
             return {number: self.predict(record, [number]).mesh() for number in numbers}
         return dict.fromkeys(numbers, self.predict(record).mesh())
 
-    def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
+    def _image_inputs(
+        self, image: np.ndarray | None, camera: np.ndarray | None, silhouette: Silhouette | None
+    ) -> dict[str, np.ndarray]:
         if image is None:
             raise ReconstructionError(f"{self.name} takes an image ({self.experiment.vision} vision): give one")
         image = np.asarray(image)
@@ -210,21 +210,19 @@ class Reconstructor:
         _check_finite("the camera", projection)
         if not np.linalg.cond(projection.astype(float)[:, :3]) < FLAT:
             raise ReconstructionError("invalid camera: its projection (3, 4) maps the scene to a line or a point")
-        return {"image": image, "camera": projection.astype(np.float32)}
-
-    def _silhouette_inputs(self, silhouette: Silhouette | None, image: np.ndarray) -> dict[str, np.ndarray]:
+        inputs = {"image": image, "camera": projection.astype(np.float32)}
+        if not self.experiment.takes_masks:
+            return inputs
         if silhouette is None:
-            raise ReconstructionError(
-                f"{self.name} also takes the object's silhouette in the image: give one; of an object of a dataset, "
-                "Reconstructor.predict gives it"
-            )
-        pixels = {"mask": silhouette.mask, "hand": silhouette.hand}
-        seen = {key: np.asarray(values, dtype=bool) for key, values in pixels.items() if values is not None}
-        for key, values in seen.items():
-            if values.shape != image.shape[:2]:
-                expected = f"expected the image's {image.shape[:2]}"
-                raise ReconstructionError(f"the silhouette's {key} has shape {values.shape}, {expected}")
-        return seen | {"camera_number": np.asarray(silhouette.view)}
+            remedy = "give one; of an object of a dataset, Reconstructor.predict gives it"
+            raise ReconstructionError(f"{self.name} also takes the object's silhouette in the image: {remedy}")
+        for key, values in {"mask": silhouette.mask, "hand": silhouette.hand}.items():
+            if values is not None:
+                inputs[key] = np.asarray(values, dtype=bool)
+                if inputs[key].shape != image.shape[:2]:
+                    shapes = f"shape {inputs[key].shape}, expected the image's {image.shape[:2]}"
+                    raise ReconstructionError(f"the silhouette's {key} has {shapes}")
+        return inputs | {"camera_number": np.asarray(silhouette.view)}
 
     def _all_touches(self, touches: Grasps) -> GraspTouches:
         """All sensors of all grasps in one, checked."""

@@ -36,7 +36,6 @@ class TouchReadings(NamedTuple):
         return len(self.reading)
 
     def to(self, device: torch.device) -> "TouchReadings":
-        """The same on a device."""
         return TouchReadings(*(tensor.to(device) for tensor in self[:3]), self.sensor)
 
 

@@ -48,7 +48,6 @@ class ZeroNeighbour(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-        """The gradients of x, weight, bias and products."""
         x, weight, y = ctx.saved_tensors
         # A copy either way: what comes in must not be changed in place.
         through = torch.ops.aten.leaky_relu_backward

@@ -128,13 +128,11 @@ class Reconstruction(nn.Module):
             self.touch_attention = None if experiment.has_vision else TouchAttention(width)
 
     @property
-    def graph(self) -> Graph:
-        """The graph with the touch charts of all grasps."""
+    def graph(self) -> Graph:  # the graph with the touch charts of all grasps
         return cast(Graph, self.graphs[-1])
 
     @property
-    def shows_touch(self) -> bool:
-        """Whether the mesh has touch charts, copied or deformed."""
+    def shows_touch(self) -> bool:  # whether the mesh has touch charts, copied or deformed
         return self.copies_touch or self.graph.touch_charts > 0
 
     def forward(self, batch: Batch, finished: bool = True) -> Tensor:

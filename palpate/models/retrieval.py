@@ -42,7 +42,6 @@ class Retrieval:
         return torch.stack([displaced(points, None, touched, self.correction) for points, touched in samples])
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        """The points, and no faces."""
         return prediction, torch.empty(0, 3, dtype=torch.int64)
 
 

@@ -119,11 +119,9 @@ class PointSet(SingleImageModel):
         return [self.radius * seen @ view_axes(batch["camera"]) + self.centre.to(seen.dtype)]
 
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
-        """Chamfer distance of the predicted points to their objects, as `cloud_loss` has it."""
         return cloud_loss(stages[-1], target)
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        """The points, and no faces."""
         return prediction, torch.empty(0, 3, dtype=torch.int64, device=prediction.device)
 
     def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
@@ -195,7 +193,6 @@ class DeformedSphere(SingleImageModel):
         return CHAMFER_SCALE * total / len(stages)
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        """The deformed sphere."""
         return prediction, self.faces
 
 
