@@ -107,8 +107,7 @@ def each_object(
     """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on. Returns the
     results by object, in order, and the rejections. The message of `UnusableObject` is the reason; any other
     exception's traceback goes to the log too, and memory is checked first (`require_memory`). Raises OSError,
-    `palpate.seal.DamagedFile`, and MemoryError, also for an engine's own words for it: they say nothing about the
-    object."""
+    `palpate.seal.DamagedFile`, and MemoryError, also in an engine's words: they say nothing of the object."""
     objects = list(objects)
     results, rejections = {}, []
     bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())

@@ -5,6 +5,7 @@ A seal is one JSON object:
     files        path from the folder on, of a single file its name -> number of bytes, SHA-256
     made_from    {"inputs": {"touch/batch-0000.zarr": digest of its seal, ...}, "config": {"vision.size": 256, ...}}
     digest       SHA-256 of all of these
+
 It is within the output where that has room, so that both are copied together: `seal.json` in a folder, the user block
 of an HDF5 file, the comment of a checkpoint's ZIP archive. Else it is `.<name>.seal.json` beside the file. Nothing in
 it depends on times, places or machines."""

@@ -138,8 +138,7 @@ def placed(directions: np.ndarray) -> Tensor:
 
 
 def radius_around(diagonal: float) -> float:
-    """Radius (m, in whole mm) of a sphere around objects up to a diagonal (m), as the atlas is around those of 0.5
-    m."""
+    """Radius (m, in whole mm) of a sphere around objects up to a diagonal (m), as the atlas around 0.5 m."""
     return math.ceil(1000 * diagonal * (ATLAS_RADIUS / DIAGONAL) - 1e-6) / 1000
 
 

@@ -55,10 +55,9 @@ def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tenso
 
 
 def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] | None = None) -> Tensor:
-    """Mean squared distance (B,) m^2 from each query to the nearest point, for each pair of clouds; differentiable in
-    both, in float32 at least. query, points: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds. trees:
-    `build_tree` of each cloud of points, used on a CPU only. Raises ValueError if a cloud is empty, NaN or infinite, or
-    their numbers differ."""
+    """Mean squared distance (B,) m^2 from each query to the nearest point, for each pair of clouds; differentiable, in
+    float32 at least. query, points: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds. trees: of the points,
+    used on a CPU only. Raises ValueError if a cloud is empty, NaN or infinite, or their numbers differ."""
     if len(query) != len(points) or not len(query):
         raise ValueError(f"{len(query)} clouds against {len(points)}; must be as many, and at least one")
     distances = []
@@ -79,8 +78,7 @@ def chamfer_distance(
 
 def plane_normals(points: np.ndarray, tree: cKDTree) -> np.ndarray:
     """Unit normals (n, 3), of either sign, of the planes around points (n, 3) that fit a cloud best: through its
-    nearest `PLANE_POINTS` (Hoppe et al. 1992, Surface Reconstruction from Unorganized Points). tree: of the cloud, same
-    frame."""
+    nearest `PLANE_POINTS` (Hoppe et al. 1992, Surface Reconstruction from Unorganized Points). tree: of the cloud."""
     _, near = tree.query(points, k=min(PLANE_POINTS, tree.n))
     around = tree.data[near]
     around = around - around.mean(axis=1, keepdims=True)

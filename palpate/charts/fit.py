@@ -1,6 +1,5 @@
 """Charts from what was measured: touch charts from depth maps, and the atlas on an object's surface.
-Touch charts are fitted directly: the paper's optimisation is slower and less exact
-(docs/evidence/error_vs_runtime.md)."""
+The paper's optimisation of touch charts is slower and less exact (docs/evidence/error_vs_runtime.md)."""
 
 import torch
 from torch import Tensor
@@ -28,11 +27,10 @@ def spread(valid: Tensor, count: int) -> Tensor:
 
 
 def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, size: Size = DIGIT.size) -> Tensor:
-    """Touch charts (k, 81, 3) of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
-    and in each nine of its pixels in contact. depth: (k, r, c) m from the sensor plane; valid: (k, r, c) bool, in
-    contact. position: (k, 3) m, rotation: (k, 3, 3) of the sensors, in whose frame and type the charts are; size:
-    theirs. Vertices are ordered as in `touch_chart()`. Raises ValueError if a chart has no valid pixel, or a valid
-    depth is NaN or infinite."""
+    """Touch charts (k, 81, 3) by resampling: nine of the pixel rows that hold contact, evenly spread, and in each nine
+    of its pixels in contact. depth: (k, r, c) m from the sensor plane; valid: (k, r, c) bool, in contact. position:
+    (k, 3) m, rotation: (k, 3, 3) of the sensors, in whose frame and type the charts are; size: theirs. Vertices are
+    ordered as in `touch_chart()`. Raises ValueError if a chart has no valid pixel, or one is not finite."""
     rows, columns = depth.shape[1:]
     if not valid.flatten(1).any(dim=1).all():
         raise ValueError("a depth map without valid pixels has no touch chart; leave it out")

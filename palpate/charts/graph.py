@@ -87,8 +87,7 @@ class Graph(nn.Module):
     def aggregate(self, x: Tensor, transpose: bool = False) -> Tensor:
         """The normalised sum over each vertex and its neighbours: `symmetric`, y_u = sum_v x_v / sqrt((|N_u| + 1)
         (|N_v| + 1)), or `mean`, y_u = sum_v x_v / (|N_u| + 1). x: (V, B, C) or (V, C), of any strides and floating
-        type; so is the result. transpose: by the transposed matrix, as for gradients. Raises ValueError if x does not
-        have V rows."""
+        type; so is the result. transpose: as for gradients. Raises ValueError if x does not have V rows."""
         if x.ndim < 2 or len(x) != self.vertices:
             raise ValueError(f"features of shape {tuple(x.shape)}; must be ({self.vertices}, ..., channels)")
         rows = x.reshape(self.vertices, -1).contiguous()

@@ -32,8 +32,7 @@ def build(
     sensor: Sensor = DIGIT,
     templates: Templates | None = None,
 ) -> Reconstruction | SingleImageModel:
-    """The untrained model of an experiment, for a hand's sensors, and with templates if its strategy begins with
-    them."""
+    """The untrained model of an experiment; with templates, if its strategy begins with them."""
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
     return Reconstruction(experiment, architecture, hand_sensors, sensor, templates)

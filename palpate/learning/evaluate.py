@@ -76,8 +76,7 @@ def _training_objects(run: Path | str, has_vision: bool) -> Objects:
 
 
 def training_steps(summary: Path | str) -> int:
-    """Number of training steps, from a `training.json`. Raises EvaluationError if it is missing, damaged, or says
-    none."""
+    """Training steps, from a `training.json`. Raises EvaluationError if it is missing, damaged, or says none."""
     try:
         return int(read_record(summary)["steps"])
     except DamagedFile as error:
@@ -136,9 +135,8 @@ def evaluate_rings(
 def predictions(
     trained: Trained, data: ExperimentData, splits: Sequence[str]
 ) -> Iterator[tuple[Sample, Tensor, float]]:
-    """Each sample of some splits with what the model's `forward` predicts, and the seconds it took. Raises
-    EvaluationError if there is no object, and what `predict` raises; CheckpointError if the touches are of another
-    sensor."""
+    """Each sample of some splits with its prediction, and the seconds it took. Raises EvaluationError if there is no
+    object, and what `predict` raises; CheckpointError if the touches are of another sensor."""
     model, experiment = trained.model, trained.experiment
     samples = windows(data, experiment, *splits)
     if not samples:
@@ -203,9 +201,8 @@ def evaluate_touch(
 ) -> pd.DataFrame:
     """Score the local predictions at every successful touch of some splits: `rows.TOUCH_COLUMNS`. `cloud` is the
     Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels that differ from the untouched reading) to
-    the true one; `chart` that of `points` on the touch chart. model: in evaluation mode, trained for `steps`. dataset:
-    with its stores of touch and charts. Raises EvaluationError if there is no touch; CheckpointError if they are of
-    another sensor."""
+    the true one; `chart` that of `points` on the touch chart. model: trained for `steps`. dataset: with its stores of
+    touch and charts. Raises EvaluationError if there is no touch; CheckpointError for another sensor's."""
     require_sensor(None, model.sensor, None, dataset.sensor, "the model of touches")
     records = [record for record in dataset if record.split in splits]
     rows, empty = [], channels_first(dataset.empty_reading)

@@ -1,5 +1,4 @@
-"""The arrays that experiments take, and their stages, for the workflow and for memory. Needs neither torch nor
-stores."""
+"""The arrays that experiments take, and their stages, for workflow and training. Needs neither torch nor stores."""
 
 from typing import NamedTuple
 

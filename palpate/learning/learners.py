@@ -32,15 +32,13 @@ VALIDATION_SEED = 1  # the same points in every validation of every model, so th
 
 
 class Diverged(RuntimeError):
-    """A prediction, the loss or its gradient is NaN or infinite (names the sample), or no gradient reaches the
-    network."""
+    """A prediction, the loss or its gradient is not finite (names the sample), or no gradient reaches the network."""
 
 
 class Learner(nn.Module, ABC):
     """A model and how it is trained: `learner(step)` is the loss of a training step. seed: of the order of samples and
-    of points. samples: number of training samples. validation_samples: in order. steps: of training;
-    validation_interval: between validations; rank, processes: of those that share a batch, one a GPU; step: begun last;
-    kind: of checkpoints."""
+    of points. samples: number of training samples. steps: of training; validation_interval: between validations; rank,
+    processes: of those that share a batch, one a GPU; step: begun last; kind: of checkpoints."""
 
     kind: ClassVar[str]
     model: nn.Module

@@ -153,8 +153,7 @@ def train(
     folder: gets `best.ckpt` (see `checkpoints`), `training.json` (which is returned), and `history.csv` (a row an
     evaluation, losses in the tables' unit), with seals that state `made_from`. checkpoint_folder: of the training in
     progress; removed at the end; those of another config or other data are ignored. label: for progress. Raises
-    Diverged, naming the sample and the last good checkpoint, before any weight is changed by what is NaN or infinite;
-    ValueError for a precision below float32."""
+    Diverged, naming the sample and the last good checkpoint, before any weight is lost."""
     folder, checkpoints_folder = Path(folder), Path(checkpoint_folder)
     if machine.precision not in PRECISIONS:
         raise ValueError(f"precision {machine.precision!r}: choose one of {', '.join(PRECISIONS)}")

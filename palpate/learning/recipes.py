@@ -75,8 +75,7 @@ class Recipe:
     @classmethod
     def read(cls, recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> "Recipe":
         """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked. Raises ConfigError,
-        naming the keys, for an unknown recipe, or if a part of it does not fit the schema or has neither steps nor
-        epochs."""
+        naming the keys, for an unknown recipe, or a part without steps or epochs or against the schema."""
         known = yaml.safe_load(Path(recipes).read_text())
         check(known, schema, str(recipes))
         if name not in known:

@@ -1,7 +1,6 @@
 """Rings of surface points around each touch (section 5.3), with the numbers of the published `calc_local_chamfer`.
 A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x onto the
-true surface. Ring r lies between the planes of r - 1 and r times the sensor's size; points without surface are
-omitted."""
+true surface. Ring r lies between the planes of r - 1 and r times the sensor's size; others are omitted."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence

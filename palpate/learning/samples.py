@@ -40,8 +40,7 @@ def grasps_per_sample(data: ExperimentData, experiment: Experiment) -> int:
 
 def windows(data: ExperimentData, experiment: Experiment, *splits: str) -> list[Sample]:
     """The samples of an evaluation on some splits, object by object: grasps g to g + n - 1, modulo their number, for
-    every g (once if n is all), if the model takes any; each with every view or camera. The paper leaves open which it
-    measures."""
+    every g (once if n is all), if the model takes any; each with every view or camera. The paper does not say."""
     n, total = grasps_per_sample(data, experiment), data.grasps
     starts = range(1) if n in (0, total) else range(total)
     choices = [tuple((start + k) % total for k in range(n)) for start in starts]
@@ -65,8 +64,7 @@ def spread(samples: Sequence[Sample], per_object: int | None) -> list[Sample]:
 
 
 def shuffled(count: int, size: int, seed: int | Sequence[int], step: int) -> np.ndarray:
-    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again, by the arguments
-    only."""
+    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again."""
     first = step * size
     places = np.arange(first, first + size)
     seeds = np.atleast_1d(seed)
@@ -125,8 +123,7 @@ def training_samples(
 
 
 class Assembler:
-    """Batches as `palpate.models.Reconstruction.forward` takes them: `assembler(samples)`; images stay bytes on the
-    device."""
+    """Batches as `palpate.models.Reconstruction.forward` takes them: `assembler(samples)`."""
 
     TOUCH_ARRAYS = ("success", "position", "rotation", "charts", "reading")
 

@@ -65,8 +65,7 @@ def touched(reading: Tensor, empty: Tensor) -> Tensor:
 
 
 def depth_to_points(depth: Tensor, size: Size = DIGIT.size) -> Tensor:
-    """Depths (..., r, c) as points (..., r, c, 3) m, in the frame of a sensor of a size: y along columns, z along
-    rows."""
+    """Depths (..., r, c) as points (..., r, c, 3) m, in a sensor's frame: y along columns, z along rows."""
     centres = [torch.from_numpy(line).to(depth) for line in map(pixel_centres, depth.shape[-2:], size)]
     z, y = torch.meshgrid(*centres, indexing="ij")
     return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)

@@ -65,8 +65,7 @@ class ZeroNeighbour(torch.autograd.Function):
 @torch.no_grad()
 def initialise(weight: Tensor, init: str, scale: float = 1.0, fan_in: int | None = None) -> None:
     """Fill weights (inputs, outputs) with random numbers, times `scale`. init: `he`, normal of variance 2 / fan_in, or
-    `paper`, the published code's uniform ones; ValueError for others. fan_in: inputs that are summed; None: all
-    rows."""
+    `paper`, the published code's uniform ones; ValueError for others. fan_in: inputs; None: all rows."""
     inputs = fan_in or len(weight)
     if init == "he":
         weight.normal_(std=math.sqrt(2 / inputs))
@@ -98,8 +97,7 @@ class ZeroNeighbourLayer(nn.Module):
             self.bias.zero_() if init == "he" else self.bias.uniform_(-0.1, 0.1)
 
     def forward(self, x: Tensor, graph: Graph, products: Tensor | None = None) -> Tensor:
-        """(V, B, inputs) -> (V, B, outputs). products: (V, B, outputs) of further inputs with their weights, added
-        before the neighbourhoods are summed."""
+        """(V, B, inputs) -> (V, B, outputs). products: (V, B, outputs) of further inputs with their weights."""
         tensors = [x, self.weight, self.bias, products]
         device = x.device.type
         if torch.is_autocast_enabled(device):

@@ -19,8 +19,7 @@ BLOCK = 1 << 14  # queries at a time: 23 MB with the touched points of five gras
 
 class Kriging:
     """A residual known at some points, interpolated: `kriging(queries)` is its posterior mean (m, d) at (m, 3), metres.
-    points: (n, 3) metres, n may be 0; any may coincide. values: (n, d) there. Differentiable in all; computed in
-    float64."""
+    points: (n, 3) metres, n may be 0. values: (n, d) there. Differentiable in all; computed in float64."""
 
     def __init__(self, points: Tensor, values: Tensor, correction: Correction):
         self.points, self.length = points.double(), correction.length
@@ -56,8 +55,7 @@ def touched_points(batch: Mapping[str, Tensor]) -> list[Tensor]:
 def displaced(vertices: Tensor, faces: Tensor | None, touched: Tensor, correction: Correction) -> Tensor:
     """A predicted mesh's vertices (V, 3), m, moved by `Kriging` so that its surface meets touched points (n, 3): the
     nearest point of the surface to each is displaced to it. faces: (F, 3), or None for a cloud. The search has no
-    gradient, which goes through barycentric coordinates. Without touched points, or where a vertex is not finite,
-    nothing moves."""
+    gradient, which goes through barycentric coordinates. Without touched points, or if not finite, nothing moves."""
     if not len(touched) or not torch.isfinite(vertices).all():
         return vertices
     touched = touched.to(vertices.dtype)

@@ -67,8 +67,7 @@ def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
 
 
 def reconstruction_loss(vertices: Tensor, faces: Tensor, target: Target) -> Tensor:
-    """Chamfer distance (B,) of each predicted mesh to its object (paper, equation 2), differentiable in the vertices.
-    vertices: (B, V, 3) metres, faces: (F, 3)."""
+    """Chamfer distance (B,) of predicted meshes, (B, V, 3) m and (F, 3), to their objects (paper, equation 2)."""
     points = sample_faces(vertices.to(target.truth.points.dtype), faces, target.n, target.generator)
     return cloud_loss(points, target)
 

@@ -79,10 +79,9 @@ def map_products(maps: Sequence[Tensor], weight: Tensor) -> tuple[Tensor, list[i
 
 def pool(maps: Sequence[Tensor], positions: Tensor, camera: Tensor) -> Tensor:
     """The features of each map (B, C, h, h) at each vertex, by bilinear interpolation: (V, B, sum of C).
-    A map covers the image from edge to edge, its cells being equal squares (supplement: "the location of this
-    projection ... corresponds exactly to a position in each feature map"). Positions outside take the value at its
-    edge. positions: (V, B, 3) m, world. camera: (3, 4) or (B, 3, 4), from the world to [-1, 1] over the image
-    (`relative_camera`)."""
+    A map covers the image from edge to edge, its cells being equal squares (supplement: its projection "corresponds
+    exactly to a position in each feature map"). Positions outside take the value at its edge. positions: (V, B, 3) m,
+    world. camera: (3, 4) or (B, 3, 4), from the world to [-1, 1] over the image (`relative_camera`)."""
     place = _project(positions, camera)
     pooled = []
     for features in maps:

@@ -46,8 +46,7 @@ class Retrieval:
 
 
 class Objects:
-    """The objects that are retrieved: points (T, n, 3) m, and masks (T, k, p, p) bool as k cameras see them, or
-    None."""
+    """Objects to retrieve: points (T, n, 3) m, and masks (T, k, p, p) bool as k cameras see them, or None."""
 
     def __init__(self, points: Tensor, masks: Tensor | None = None):
         self.points = points

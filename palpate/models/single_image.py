@@ -52,8 +52,7 @@ class SingleImageModel(nn.Module, ABC):
 
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
         """The prediction (B, ...), as `stages` describes it. batch: `image` (B, 3, S, S) in [0, 1], and `camera`
-        (B, 3, 4) from the world (m) to homogeneous pixels. Raises ValueError if one is missing or of another shape, or
-        the image is too small for the encoder."""
+        (B, 3, 4) from the world (m) to homogeneous pixels. Raises ValueError for another shape, or a small image."""
         return self.stages(batch)[-1]
 
     def maps(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
@@ -87,8 +86,7 @@ class SingleImageModel(nn.Module, ABC):
 class PointSet(SingleImageModel):
     """PSG with two branches (its section 4.1): a fully connected one, and one of deconvolutions, from the encoder's
     last pooled map back to its first, each adding the pooled map of its size. Every cell of the last one gives a point.
-    Points are in the view's frame, about the object. The decoder has `hidden`, the width of the connected layer, and
-    its `points`."""
+    Points are in the view's frame. The decoder has the connected layer's width, `hidden`, and `points`."""
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
@@ -131,8 +129,7 @@ class PointSet(SingleImageModel):
 
 class DeformedSphere(SingleImageModel):
     """Pixel2Mesh without unpooling: a sphere deformed in `deformations` blocks with weights of their own. Each moves
-    the vertices by the image features where they project and by their positions. faces: (2304, 3) int64; edges: (E, 2),
-    each once; start: (V, 3) m, the sphere."""
+    vertices by the image's features at them and their positions. faces: (2304, 3) int64; edges: (E, 2), each once."""
 
     start: Tensor
     faces: Tensor
@@ -198,9 +195,8 @@ class DeformedSphere(SingleImageModel):
 
 class Voxels(SingleImageModel):
     """3D-R2N2's encoder and decoder on one view: the image as a vector, a grid of 4^3 cells, deconvolutions to 32^3.
-    The grid is a cube around the object, along the world's axes; the camera is not used. The decoder has `hidden`, the
-    vector's length, `channels` of the grids of 4, 8, 16 and 32 cells an edge, and `level`, the probability of the
-    surface."""
+    The grid is a cube around the object, along the world's axes. The decoder has `hidden`, the vector's length,
+    `channels` of the grids of 4, 8, 16 and 32 cells an edge, and `level`, the surface's probability."""
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
@@ -245,8 +241,7 @@ def image_code(channels: int, hidden: int) -> nn.Sequential:
 
 
 def view_axes(camera: Tensor) -> Tensor:
-    """The axes of views in the world, right, down and forward: rows of (B, 3, 3). camera: (B, 3, 4) to homogeneous
-    pixels, which are square."""
+    """The axes of views in the world, right, down and forward: rows of (B, 3, 3). camera: (B, 3, 4) to pixels."""
     forward = functional.normalize(camera[:, 2, :3], dim=1)
     across = camera[:, 0, :3]
     right = functional.normalize(across - (across * forward).sum(dim=1, keepdim=True) * forward, dim=1)

@@ -1,6 +1,5 @@
 """Templates: fitted charts of training objects, interpolated by kriging to a shape that a reconstruction begins with.
-To retrieve and deform is known from CAD models (Uy et al. 2021, "Joint learning of 3D shape retrieval and
-deformation")."""
+See Uy et al. 2021, "Joint learning of 3D shape retrieval and deformation", of CAD models."""
 
 import itertools
 from collections.abc import Mapping

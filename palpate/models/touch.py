@@ -31,8 +31,7 @@ class Touches(NamedTuple):
 
 
 def chart_normals(charts: Tensor) -> Tensor:
-    """Unit normals (..., 81, 3) of touch charts (..., 81, 3), towards the sensor; 0 where a chart is folded to a
-    line."""
+    """Unit normals (..., 81, 3) of touch charts (..., 81, 3), towards the sensor; 0 where folded to a line."""
     grid = charts.unflatten(-2, (TOUCH_SIDE, TOUCH_SIDE))
     down, right = torch.gradient(grid, dim=(-3, -2))
     return functional.normalize(torch.linalg.cross(down, right), dim=-1).flatten(-3, -2)
