@@ -259,9 +259,9 @@ class Reconstruction(nn.Module):
         charts = torch.where(success, batch["charts"], batch["position"][:, :, None])
         return charts.flatten(1, 2).transpose(0, 1), success.flatten(1, 2).transpose(0, 1)
 
-    def _check_shapes(self, batch: Batch) -> int:
-        """Number of samples in the batch; ValueError if something is missing or of another shape."""
-        shapes: dict[str, tuple[int | None, ...]] = {}  # without the first axis; None for a size that is free
+    def _shapes(self, batch: Batch) -> dict[str, tuple[int | None, ...]]:
+        """The keys that are read, and their shapes after the first axis; None for a size that is free."""
+        shapes: dict[str, tuple[int | None, ...]] = {}
         if self.experiment.has_vision:
             shapes |= {"image": (3, None, None), "camera": (3, 4)}
         if self.experiment.takes_masks:
@@ -279,6 +279,11 @@ class Reconstruction(nn.Module):
                 shapes["reading"] = (touches, 3, *self.sensor.resolution)
             else:
                 shapes["charts"] = (touches, TOUCH_VERTICES, 3)
+        return shapes
+
+    def _check_shapes(self, batch: Batch) -> int:
+        """Number of samples in the batch; ValueError if something is missing or of another shape."""
+        shapes = self._shapes(batch)
         if missing := [key for key in shapes if batch.get(key) is None]:
             raise ValueError(
                 f"the batch has no {', '.join(missing)}: this model has strategy {self.experiment.strategy}, "
