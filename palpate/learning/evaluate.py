@@ -111,14 +111,15 @@ def evaluate_rings(
     """Distances from the true surface in the rings around each touch to the predictions: `rows.RING_COLUMNS`, a row for
     each sample, successful touch of its grasps (or of all, if no input depends on a grasp) and ring. `distance` (m^2)
     is nan for a ring without surface. dataset: the run's, with its stores of touch and rings."""
-    rows, touches, last = [], [], None
+    rows, last = [], None
+    touches: list[dict[int, list[np.ndarray]]] = []  # of each grasp, by sensor, the true points of the rings around it
     for sample, prediction, _ in predictions(trained, data, splits):
         name = data.objects[sample.object]
         if last != name:
-            last, touches = name, []  # of each grasp, by sensor, the true surface points of the rings around it
-            for grasp in dataset[name].grasps:
-                sensors = np.flatnonzero(grasp.success)
-                seen = zip(grasp.ring_depth[sensors], grasp.position[sensors], grasp.rotation[sensors], strict=True)
+            last, touches = name, []
+            for record in dataset[name].grasps:
+                sensors = np.flatnonzero(record.success)
+                seen = zip(record.ring_depth[sensors], record.position[sensors], record.rotation[sensors], strict=True)
                 touches.append({s: ring_points(*each, dataset.sensor) for s, each in zip(sensors, seen, strict=True)})
         # An object's touches in one search: its prediction and the search's start cost as much as a touch.
         numbers = sample.grasps or range(len(touches))

@@ -36,7 +36,7 @@ class TouchReadings(NamedTuple):
         return len(self.reading)
 
     def to(self, device: torch.device) -> "TouchReadings":
-        return TouchReadings(*(tensor.to(device) for tensor in self[:3]), self.sensor)
+        return TouchReadings(self.reading.to(device), self.depth.to(device), self.empty.to(device), self.sensor)
 
 
 def read_touches(dataset: Dataset, *splits: str) -> TouchReadings:
@@ -50,8 +50,8 @@ def read_touches(dataset: Dataset, *splits: str) -> TouchReadings:
         readings.append(batch.load("touch", "reading")[success])
         depths.append(batch.load("touch", "depth")[success])
     if not sum(map(len, readings)):
-        untouched = f"no object of {' or '.join(splits)} was touched"
-        raise ExperimentDataError(f"{dataset!r}: {untouched}: more objects are needed")
+        nothing = f"no object of {' or '.join(splits)} was touched"
+        raise ExperimentDataError(f"{dataset!r}: {nothing}: more objects are needed")
     reading, depth = channels_first(np.concatenate(readings)), torch.from_numpy(np.concatenate(depths))
     empty = channels_first(chosen.empty_reading)
     untouched = empty.float() / 255
