@@ -17,12 +17,10 @@ TEMPORARY = re.compile(r"\.(?:partial|replaced)-(?P<machine>[^~]*)~(?P<process>\
 
 @contextmanager
 def atomic_write(path: Path | str, made_from: seal.MadeFrom | None = None) -> Iterator[Path]:
-    """A temporary path beside `path` for a file or a folder, renamed to `path` when the block succeeds. It is this
-    writer's own, and keeps the suffix, because many writers go by it. Whatever stood at `path` is replaced; if the
-    block raises, it is as before. What killed processes of this machine left of the same path is removed first.
-    made_from: seal the output (`palpate.seal`), with what it was made from. Both are written before anything is
-    renamed, and no file ever is where the seal beside it is of another. Raises FileNotFoundError if the block wrote
-    nothing."""
+    """A temporary path beside `path` for a file or a folder, renamed to `path` when the block succeeds, with its
+    suffix. Whatever stood at `path` is replaced; if the block raises, it is as before. What killed processes of this
+    machine left of the same path is removed first. made_from: seal the output (`palpate.seal`); no file ever is where
+    the seal beside it is of another. Raises FileNotFoundError if the block wrote nothing."""
     path = Path(path)
     mark = seal.beside(path)
     owner = f"{machine()}~{os.getpid()}~{secrets.token_hex(4)}"

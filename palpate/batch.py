@@ -105,10 +105,9 @@ def each_object(
     objects: Iterable[str], function: Callable[[str], Any], stage: str
 ) -> tuple[dict[str, Any], list[Rejection]]:
     """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on. Returns the
-    results by object, in order, and the rejections. The message of `UnusableObject` is the reason; the traceback of any
-    other exception goes to the log too. Before it counts, memory is checked (`require_memory`).
-    Raises OSError, `palpate.seal.DamagedFile`, and MemoryError, also for an engine's own words for it: a full disk
-    says nothing about the object, which is tried again when the stage is."""
+    results by object, in order, and the rejections. The message of `UnusableObject` is the reason; any other
+    exception's traceback goes to the log too, and memory is checked first (`require_memory`). Raises OSError,
+    `palpate.seal.DamagedFile`, and MemoryError, also in an engine's words: they say nothing of the object."""
     objects = list(objects)
     results, rejections = {}, []
     bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())

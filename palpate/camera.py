@@ -1,8 +1,6 @@
 """The pinhole camera: where a point of the world lands in an image. Numpy only.
-
 An image is `size` pixels wide and high, row 0 at the top. Pixel (row r, column c) covers the square from (c, r) to
-(c + 1, r + 1): its **centre is at (c + 0.5, r + 0.5)**. Coordinates in an image are (x, y) = (column, row).
-"""
+(c + 1, r + 1): its **centre is at (c + 0.5, r + 0.5)**. Coordinates in an image are (x, y) = (column, row)."""
 
 import math
 from collections.abc import Iterable, Sequence

@@ -22,8 +22,7 @@ from palpate.catalogue.source import LAYOUTS
 from palpate.configuration import ConfigError, absolute, check, read_config
 from palpate.experiments import Experiments
 from palpate.hand import DURATION, Hand
-from palpate.learning import tuning
-from palpate.learning.recipes import Recipe
+from palpate.learning.recipes import Recipe, tuning_grid
 from palpate.sensor import Sensor
 
 DEFAULT, SCHEMA = "config/config.yaml", "workflow/schemas/config.schema.yaml"
@@ -78,7 +77,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     experiments = Experiments.read(settings / "experiments.yaml", schemas / "experiments.schema.yaml")
     chosen = training["recipe"], training["override"]
     recipe = Recipe.read(settings / "recipes.yaml", *chosen, schemas / "recipes.schema.yaml")
-    tuning.grid(settings / "tuning.yaml", config["tuning"]["grid"])
+    tuning_grid(settings / "tuning.yaml", config["tuning"]["grid"])
     source = Source.from_config(config, project)
     classes = catalogue.class_counts(config, source)
     entries = catalogue.scan(source, classes)

@@ -4,13 +4,37 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from palpate.configuration import ConfigError, check, merge, plain, read_yaml
-from palpate.methods import METHODS, Method
 from palpate.strategies import Strategy, strategy
 
 SPLITS = ("validation", "test")  # that models are tested on
+
+
+class Method(NamedTuple):
+    """A method of reconstruction: a row of `methods.yaml`, which explains them, by its name there."""
+
+    name: str
+    title: str
+    strategy: str
+    whose: str = ""
+    architecture: Mapping[str, Any] = {}
+    correction: Mapping[str, float] | None = None
+    stated_as: str | None = None
+    exchanged: Mapping[str, str | None] | None = None
+    communication: str = ""
+    claims: bool = True
+
+    @property
+    def label(self) -> str:  # the method as text: `pooled touch (ours)`
+        return self.title + f" ({self.whose})" * bool(self.whose)
+
+
+METHODS = {
+    name: Method(name, **{"strategy": name} | row)
+    for name, row in read_yaml(Path(__file__).with_name("methods.yaml")).items()
+}
 
 
 def name_of(row: Mapping[str, Any]) -> str:
@@ -25,10 +49,8 @@ def name_of(row: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Correction:
-    """How a prediction is bent to the touched points as its last step: `palpate.models.kriging`.
-
-    length: m, of the kernel. noise: variance of a touched point, in units of the variance of what is interpolated.
-    """
+    """How a prediction is bent to the touched points as its last step: `palpate.models.kriging`. length: m, of the
+    kernel. noise: variance of a touched point, in units of the variance of what is interpolated."""
 
     length: float
     noise: float
@@ -37,16 +59,10 @@ class Correction:
 @dataclass(frozen=True)
 class Experiment:
     """One model: a combination of a grid of config/experiments.yaml.
-
-    Attributes:
-        name: made of its properties (`name_of`), or stated there.
-        strategy: one of `palpate.strategies`, by its name.
-        vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
-        fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
-        weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
-        correction: its last step, by the touched points; None: it has none, or no touch. Training is without.
-        architecture: what it changes in the recipe's architecture.
-    """
+    name: made of its properties (`name_of`), or stated. strategy: by its name. vision: of `strategies.VISIONS`. grasps:
+    how many at most. fewer_grasps: whether it is trained with any number of them; from none where it has vision.
+    weights: the experiment whose trained model it is evaluated with; None: its own. correction: its last step, by the
+    touched points, after training. architecture: what it changes in the recipe's."""
 
     name: str
     strategy: str
@@ -74,52 +90,43 @@ class Experiment:
         return strategy(self.strategy)
 
     @property
-    def method(self) -> Method:
-        """Its method: the last one of its strategy whose architecture it has."""
+    def method(self) -> Method:  # its method: the last one of its strategy whose architecture it has
         own = self.architecture
         of_strategy = (method for method in METHODS.values() if method.strategy == self.strategy)
         return [method for method in of_strategy if merge(own, method.architecture) == own][-1]
 
     @property
-    def stated_as(self) -> str:
-        """The paper's experiment of the same inputs, whose numbers stand beside its own."""
+    def stated_as(self) -> str:  # the paper's experiment of the same inputs, whose numbers stand beside its own
         other = self.method.stated_as
         return name_of(self.row() | {"method": other}) if other else self.name
 
     @property
-    def input_label(self) -> str:
-        """Its inputs as text: `unoccluded vision + touch`."""
+    def input_label(self) -> str:  # its inputs as text: `unoccluded vision + touch`
         vision = {"none": [], "views": ["single view"]}.get(self.vision, [f"{self.vision} vision"])
         return " + ".join([*vision, *["touch"] * self.touch]) or "nothing"
 
     @property
-    def has_vision(self) -> bool:
-        """Whether it takes images of any kind."""
+    def has_vision(self) -> bool:  # whether it takes images of any kind
         return self.vision != "none"
 
     @property
-    def trained(self) -> str:
-        """The experiment whose trained model it is: `models/<trained>`."""
+    def trained(self) -> str:  # the experiment whose trained model it is: `models/<trained>`
         return self.weights or self.name
 
     @property
-    def is_trained(self) -> bool:
-        """Whether it has a trained model: all but look-ups."""
+    def is_trained(self) -> bool:  # whether it has a trained model: all but look-ups
         return self.plan.is_trained
 
     @property
-    def fewest_grasps(self) -> int:
-        """The fewest grasps whose touches a sample has."""
+    def fewest_grasps(self) -> int:  # the fewest grasps whose touches a sample has
         return self.grasps if not self.fewer_grasps else 0 if self.has_vision else 1
 
     @property
-    def takes_charts(self) -> bool:
-        """Whether touches reach the model as charts, not as readings."""
+    def takes_charts(self) -> bool:  # whether touches reach the model as charts, not as readings
         return self.touch and self.plan.touch_input != "readings"
 
     @property
-    def takes_masks(self) -> bool:
-        """Whether images reach it as silhouettes: where training objects are retrieved."""
+    def takes_masks(self) -> bool:  # whether images reach it as silhouettes: where training objects are retrieved
         return self.has_vision and self.plan.takes_masks
 
     @property
@@ -128,8 +135,7 @@ class Experiment:
         return self.touch or self.vision == "occluded"
 
     @property
-    def modality(self) -> str:
-        """What recipes call its inputs: `occluded_touch`, `touch`, `single_image`."""
+    def modality(self) -> str:  # what recipes call its inputs: `occluded_touch`, `touch`, `single_image`
         if self.vision == "views":
             return "single_image"
         return "_".join([self.vision] * self.has_vision + ["touch"] * self.touch)
@@ -153,12 +159,9 @@ class Experiments:
 
     @classmethod
     def read(cls, path: Path | str, schema: Path | str) -> "Experiments":
-        """The file's experiments and tables, checked against its schema.
-
-        Raises ConfigError, naming the experiment, for an unknown method, two experiments of one name, weights that are
-        not of a trained experiment with the same vision, or inputs that the method can't have; and naming the table,
-        for an experiment, or a value of a grid, that no experiment is defined of.
-        """
+        """The file's experiments and tables, checked against its schema. Raises ConfigError, naming the experiment, for
+        an unknown method, a name that is there twice, weights of no trained experiment with the same vision, or inputs
+        that the method can't have; and naming the table, for what no experiment is defined of."""
         declared = read_yaml(path)
         check(declared, schema, str(path))
         try:

@@ -1,7 +1,5 @@
 """A scene: one object, the hand in its grasps, sensors, a camera and lights. Plain data: no engine is imported.
-
-Touch and vision read it. Everything is in the world frame: metres, z up.
-"""
+Touch and vision read it. Everything is in the world frame: metres, z up."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -76,7 +74,6 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """The object's name: that of its folder."""
         return self.object_folder.name
 
     @property

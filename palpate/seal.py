@@ -1,5 +1,4 @@
 """Seals: what an output of a job holds and what it was made from, to tell lost, altered and outdated ones from others.
-
 A seal is one JSON object:
 
     version      of seals
@@ -9,8 +8,7 @@ A seal is one JSON object:
 
 It is within the output where that has room, so that both are copied together: `seal.json` in a folder, the user block
 of an HDF5 file, the comment of a checkpoint's ZIP archive. Else it is `.<name>.seal.json` beside the file. Nothing in
-it depends on times, places or machines.
-"""
+it depends on times, places or machines."""
 
 import hashlib
 import json

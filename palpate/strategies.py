@@ -1,9 +1,6 @@
-"""Strategies of reconstruction: what each takes, what its training begins with, and what it predicts.
-
-A class each, by its name in `STRATEGIES`. They are plain data, so that a workflow starts without torch. The networks of
-`palpate.models` do what the classes say, and have the losses that they are trained with. `palpate/methods.yaml` lists
-the methods that are compared; an experiment is one of them with inputs (`palpate.experiments`).
-"""
+"""Strategies of reconstruction as plain data, without torch: what each takes, begins with and predicts; a class each.
+The networks of `palpate.models` do what the classes say. `palpate/methods.yaml` lists the methods that are compared; an
+experiment is one of them with inputs (`palpate.experiments`)."""
 
 from typing import ClassVar, Literal
 
@@ -15,18 +12,11 @@ Start = Literal["charts", "sphere", "templates"]
 
 class Strategy:
     """Vision charts, deformed by the features of an image (paper, section 3). Subclasses say what they change.
-
-    What it takes:
-        visions: of `VISIONS`, those that it can take. can_touch, needs_touch, needs_vision: whether it can, or has to.
-        takes_images, takes_masks: images as they are; where the object is seen in them.
-        touch_input: how touches reach the vertices: as charts in the `graph`, `pooled` features of the nearest charts,
-            `readings` as features; None: they do not.
-    How it is trained:
-        is_trained: whether it is. start: what is deformed; None: nothing is. `templates` are of training objects.
-    What it predicts:
-        copies_touch: whether the mesh gets touch charts as they are. keeps_touch: whether those in the graph stay where
-            they are.
-    """
+    visions: those that it can take. can_touch, needs_touch, needs_vision: whether it can, or has to. takes_images,
+    takes_masks: images as they are; where the object is seen in them. touch_input: how touches reach the vertices: as
+    charts in the `graph`, `pooled` features of the nearest, `readings` as features, or not. is_trained: whether it is.
+    start: what is deformed, if anything. copies_touch: whether the mesh gets touch charts as they are. keeps_touch:
+    whether those in the graph stay."""
 
     visions: ClassVar[tuple[str, ...]] = VISIONS
     can_touch, needs_touch, needs_vision = True, False, False

@@ -13,9 +13,8 @@ from palpate.seal import DamagedFile
 
 
 def read_text(path: Path | str) -> str:
-    """The text of a table or record that a run wrote, or that a user wrote elsewhere: see `palpate.seal.find`. Raises
-    DamagedFile if the file is missing, empty, not UTF-8, not the one that its seal is of, or a table without a line
-    break at its end."""
+    """The text of a table or record that a run wrote, or a user elsewhere: see `palpate.seal.find`. Raises DamagedFile
+    if it is missing, empty, not UTF-8, not what its seal is of, or a table without a line break at its end."""
     path, text, problem = Path(path), "", ""
     try:
         data = path.read_bytes()

@@ -6,8 +6,7 @@ import pytest
 import yaml
 
 from palpate.configuration import ConfigError
-from palpate.experiments import Correction, Experiment, Experiments, name_of
-from palpate.methods import METHODS
+from palpate.experiments import METHODS, Correction, Experiment, Experiments, name_of
 from tests.learning.synthetic import EXPERIMENTS
 
 SCHEMA = Path(__file__).parents[1] / "workflow/schemas/experiments.schema.yaml"

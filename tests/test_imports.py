@@ -14,7 +14,7 @@ ROOT = Path(palpate.__file__).parent
 # From what everything else stands on to what stands on everything else; docs/design.md has the same order.
 ORDER = (
     *("lazy", "stages", "rebuild_command", "seal", "atomic", "text_files", "batch"),
-    *("configuration", "methods", "strategies", "experiments", "architectures"),
+    *("configuration", "strategies", "experiments", "architectures"),
     *("camera", "sensor", "named_files"),
     *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
     *("dataset", "protocol", "charts", "models", "learning", "results"),

@@ -6,13 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-from palpate.experiments import Experiment
+from palpate.experiments import METHODS, Experiment
 from palpate.learning.evaluate import evaluate, load
 from palpate.learning.inputs import stages
 from palpate.learning.learners import ReconstructionLearner
 from palpate.learning.loop import train
 from palpate.learning.machine import Machine
-from palpate.methods import METHODS
 from palpate.strategies import STRATEGIES, PooledNoCopy, strategy
 from tests.learning.conftest import SETTINGS, made_up
 

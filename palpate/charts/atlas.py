@@ -1,9 +1,7 @@
 """The atlas: vision charts that close a sphere, and the touch chart.
-
-A vision chart has 19 vertices and 24 faces (paper, section 3): a hexagonal patch of radius 2, its 12 boundary vertices
-laid along the three sides of a triangle, four steps a side. The triangles are those of a tetrakis hexahedron (a cube
-with a low pyramid on each face), each split in 4 on the sphere: 50 corners, 96 triangles. docs/charts.md: why not 95.
-"""
+A vision chart has 19 vertices and 24 faces (paper, section 3): a hexagonal patch of radius 2, its boundary laid along
+the sides of a triangle, four steps a side. The triangles are those of a tetrakis hexahedron (a cube with a low pyramid
+on each face), each split in 4 on the sphere: 96, of 50 corners (docs/charts.md)."""
 
 import math
 from functools import cache
@@ -30,16 +28,10 @@ RING, CENTRE = CHART_BOUNDARY, CHART_BOUNDARY + 6
 
 
 class Atlas(NamedTuple):
-    """The vision charts, laid on the sphere.
-
-    Attributes:
-        vertices: (1824, 3) float32 metres, world frame; chart c holds 19 c to 19 c + 18, its boundary first.
-        faces: (2304, 3) int64, counterclockwise seen from outside; chart c holds 24 c to 24 c + 23.
-        chart: (1824,) int64, the chart of each vertex.
-        boundary: (1152,) int64, vertices on the boundaries of charts, 12 a chart.
-        joined: (1128, 2) int64, pairs of boundary vertices of different charts at one position, each once.
-        position: (1824,) int64, which of the 1154 vertices of `sphere()` each lies on.
-    """
+    """The vision charts on the sphere. vertices: (1824, 3) float32 m, world frame, 19 a chart, its boundary first.
+    faces: (2304, 3) int64, 24 a chart, counterclockwise from outside. chart: (1824,) of each vertex. boundary: (1152,)
+    vertices on boundaries, 12 a chart. joined: (1128, 2) pairs of boundary vertices of different charts at one
+    position, each once. position: (1824,) which of the 1154 vertices of `sphere()` each lies on."""
 
     vertices: Tensor
     faces: Tensor
@@ -50,13 +42,9 @@ class Atlas(NamedTuple):
 
 
 class TouchChart(NamedTuple):
-    """The touch chart, a regular grid of the sensor's size.
-
-    Attributes:
-        grid: (81, 2) float32 metres on the sensor plane: y along columns and z along rows, as in a reading.
-        faces: (128, 3) int64; they face the sensor (-x of its frame), that is, out of what is touched.
-        centre: the reference vertex, which is joined to the vision charts.
-    """
+    """The touch chart, a regular grid of the sensor's size. grid: (81, 2) float32 m on the sensor plane, y along
+    columns and z along rows. faces: (128, 3) int64, towards the sensor (-x), out of what is touched. centre: the
+    reference vertex, which is joined to the vision charts."""
 
     grid: Tensor
     faces: Tensor
@@ -150,10 +138,7 @@ def placed(directions: np.ndarray) -> Tensor:
 
 
 def radius_around(diagonal: float) -> float:
-    """Radius (m) of a sphere around objects up to a diagonal (m), as the published atlas is around those of 0.5 m.
-
-    In whole millimetres, upwards.
-    """
+    """Radius (m, in whole mm) of a sphere around objects up to a diagonal (m), as the atlas around 0.5 m."""
     return math.ceil(1000 * diagonal * (ATLAS_RADIUS / DIAGONAL) - 1e-6) / 1000
 
 

@@ -1,7 +1,5 @@
 """Charts from what was measured: touch charts from depth maps, and the atlas on an object's surface.
-
-Touch charts are fitted directly: the paper's optimisation is slower and less exact (docs/evidence/error_vs_runtime.md).
-"""
+The paper's optimisation of touch charts is slower and less exact (docs/evidence/error_vs_runtime.md)."""
 
 import torch
 from torch import Tensor
@@ -18,10 +16,8 @@ EDGE = 0.2  # weight of the mean squared side of a face beside the Chamfer dista
 
 
 def spread(valid: Tensor, count: int) -> Tensor:
-    """Which `count` of the true entries of each row (..., n) lie evenly over all of them, first to last.
-
-    Returns (..., count) int64, ascending; entries repeat where fewer are true, and are 0 where none is.
-    """
+    """Which `count` of the true entries of each row (..., n) lie evenly over all of them, first to last. Returns
+    (..., count) int64, ascending; entries repeat where fewer are true, and are 0 where none is."""
     rank = valid.cumsum(dim=-1)
     total = rank[..., -1:]
     share = torch.linspace(0, 1, count, dtype=torch.float64, device=valid.device)
@@ -31,15 +27,10 @@ def spread(valid: Tensor, count: int) -> Tensor:
 
 
 def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, size: Size = DIGIT.size) -> Tensor:
-    """Touch charts (k, 81, 3) of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
-    and in each of them nine of its pixels in contact. Every vertex is a point of the cloud.
-
-    depth: (k, r, c) metres from the sensor plane at the centres of pixels. valid: (k, r, c) bool, pixels in contact.
-    position: (k, 3) metres and rotation: (k, 3, 3) of the sensors; columns are the frame's axes. size: of the sensors.
-    The charts are in the frame and type of the positions, vertices ordered as in `touch_chart()`.
-
-    Raises ValueError if a chart has no valid pixel, or a valid depth is NaN or infinite.
-    """
+    """Touch charts (k, 81, 3) by resampling: nine of the pixel rows that hold contact, evenly spread, and in each nine
+    of its pixels in contact. depth: (k, r, c) m from the sensor plane; valid: (k, r, c) bool, in contact. position:
+    (k, 3) m, rotation: (k, 3, 3) of the sensors, in whose frame and type the charts are; size: theirs. Vertices are
+    ordered as in `touch_chart()`. Raises ValueError if a chart has no valid pixel, or one is not finite."""
     rows, columns = depth.shape[1:]
     if not valid.flatten(1).any(dim=1).all():
         raise ValueError("a depth map without valid pixels has no touch chart; leave it out")
@@ -60,15 +51,11 @@ def placed(points: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
 
 
 def fit_atlas(points: Tensor, steps: int = 60, rate: float = 0.01, samples: int = 1500) -> Tensor:
-    """The vertices (1154, 3) of the atlas's sphere, `palpate.charts.sphere`, moved to an object's surface.
-
-    Adam lowers the Chamfer distance between surface points and points sampled on the mesh, plus `EDGE` times the mean
-    squared side of its faces (Wang et al. 2018, "Pixel2Mesh"). It begins with an ellipsoid in the object's box.
-
-    points: (n, 3) metres, on the surface. steps: of Adam, whose rate (m) falls to 0 along a line. samples: points of
-    either cloud that look for the nearest of the other in a step. The result has the type of the points, and depends
-    on nothing else. Raises ValueError if there is no point, or one is NaN or infinite.
-    """
+    """The vertices (1154, 3) of the atlas's sphere, moved to surface points (n, 3) m of an object, in their type. Adam
+    lowers the Chamfer distance to points sampled on the mesh, plus `EDGE` times the mean squared side of its faces
+    (Wang et al. 2018, "Pixel2Mesh"). It begins with an ellipsoid in the object's box. steps: of Adam, whose rate (m)
+    falls to 0 along a line. samples: points of either cloud in a step. Raises ValueError if there is no point, or one
+    is NaN or infinite."""
     generator = torch.Generator().manual_seed(0)
     with torch.inference_mode(False), torch.enable_grad():
         points, (ball, faces) = points.detach().clone(), sphere()

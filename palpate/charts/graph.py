@@ -1,9 +1,6 @@
 """The graph of charts, and the sum over neighbourhoods that its layers are made of.
-
-The normalised adjacency is applied without being formed: a sparse part (edges within charts, joined boundary
-vertices, the vertices themselves), and the block between the touch charts' reference vertices and all
-boundary vertices of vision charts, which has rank two. docs/evidence/models.md has the times of other ways.
-"""
+The normalised adjacency is never formed: a sparse part, and the block between the touch charts' reference vertices and
+all boundary vertices of vision charts, of rank two. docs/evidence/models.md has the times of other ways."""
 
 from typing import Any, Literal, Self
 
@@ -21,29 +18,13 @@ def mesh_edges(faces: Tensor) -> Tensor:
     return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
-def _factors(count: Tensor, symmetric: bool) -> tuple[Tensor, Tensor]:
-    """out and into (V,): v weighs out_u into_v in the sum of u, which has `count` summands."""
-    if symmetric:
-        return (count.double().rsqrt(),) * 2
-    return count.double().reciprocal(), torch.ones(len(count), dtype=torch.float64)
-
-
 class Graph(nn.Module):
-    """Vertices of all charts and their neighbourhoods (paper, section 3).
-
-    Vertex order: vision charts 0 to 1823 as in `vision_atlas()`, then touch chart t at 1824 + 81 t. Neighbours are the
-    ends of a mesh edge within a chart, boundary vertices of different vision charts at the same initial position, and
-    each touch chart's reference vertex with all 1152 boundary vertices of vision charts.
-
-    Args:
-        touch_charts: number of touch charts, 0 or more (4 a grasp).
-        kind: `charts`; or `sphere`, the vertices and edges of `sphere()`.
-        normalisation: `symmetric`, the paper's equation 1, or `mean`, as in the published code.
-
-    Attributes: vertices, number V of vertices in the graph; faces, (F, 3) int64 faces over them.
-
-    Raises ValueError for another kind or normalisation, or a negative number.
-    """
+    """Vertices of all charts and their neighbourhoods (paper, section 3): `vertices` of them, with `faces` (F, 3)
+    int64.
+    Vision charts are vertices 0 to 1823 as in `vision_atlas()`, touch chart t begins at 1824 + 81 t. Neighbours are the
+    ends of a mesh edge within a chart, joined boundary vertices, and each touch chart's reference vertex with all 1152
+    boundary vertices of vision charts. kind: `charts`; or `sphere`, the mesh `sphere()`. normalisation: `symmetric`,
+    the paper's equation 1, or `mean`, as in the published code. Raises ValueError for others, or a negative number."""
 
     faces: Tensor
     reference: Tensor
@@ -88,7 +69,9 @@ class Graph(nn.Module):
         if self.touch_charts:
             count[boundary] += self.touch_charts
             count[self.reference] += len(boundary)
-        out, into = _factors(count, self.normalisation == "symmetric")
+        # Vertex v weighs out_u into_v in the sum of u.
+        out = count.double().rsqrt() if self.normalisation == "symmetric" else count.double().reciprocal()
+        into = out if self.normalisation == "symmetric" else torch.ones_like(out)
         weight, transposed = out[row] * into[neighbour], into[row] * out[neighbour]
         ends = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
         if self.touch_charts:
@@ -102,12 +85,9 @@ class Graph(nn.Module):
         self.register_buffer("right", ends * into, persistent=False)
 
     def aggregate(self, x: Tensor, transpose: bool = False) -> Tensor:
-        """The normalised sum over each vertex and its neighbours: `symmetric`,
-        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), or `mean`, y_u = sum_v x_v / (|N_u| + 1).
-
-        x: (V, B, C) features, or (V, C), of any strides and floating type. transpose: by the transposed matrix, as for
-        gradients. Returns the same shape and type, contiguous. Raises ValueError if x does not have V rows.
-        """
+        """The normalised sum over each vertex and its neighbours: `symmetric`, y_u = sum_v x_v / sqrt((|N_u| + 1)
+        (|N_v| + 1)), or `mean`, y_u = sum_v x_v / (|N_u| + 1). x: (V, B, C) or (V, C), of any strides and floating
+        type; so is the result. transpose: as for gradients. Raises ValueError if x does not have V rows."""
         if x.ndim < 2 or len(x) != self.vertices:
             raise ValueError(f"features of shape {tuple(x.shape)}; must be ({self.vertices}, ..., channels)")
         rows = x.reshape(self.vertices, -1).contiguous()

@@ -7,10 +7,8 @@ ROUNDING = 8 * torch.finfo(torch.float64).eps  # of a product of two sides, in s
 
 
 def face_areas(corners: Tensor) -> Tensor:
-    """Areas (...) of faces with corners (..., 3, 3), in double precision; 0 for lines and points.
-
-    Products of single precision are lost on a mesh below 1e-19 m, and on long slivers.
-    """
+    """Areas (...) of faces with corners (..., 3, 3), in double precision; 0 for lines and points. Products of single
+    precision are lost on a mesh below 1e-19 m, and on long slivers."""
     first, second, third = corners.double().unbind(dim=-2)
     one, other = second - first, third - first
     areas = torch.linalg.cross(one, other).norm(dim=-1)
@@ -20,14 +18,10 @@ def face_areas(corners: Tensor) -> Tensor:
 
 
 def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
-    """Random points (B, n, 3) on each mesh of a batch, uniform by area (Osada et al. 2002, "Shape Distributions").
-
-    Which face and where in it is drawn without gradient; the point then moves with the face's corners (Smith et al.
-    2019, GEOMetrics). A face without area is never chosen.
-
-    vertices: (B, V, 3). faces: (F, 3) int64, the same for all meshes. generator: on the CPU or the vertices' device;
-    the default one if None. Raises ValueError if a vertex is NaN or infinite, or a mesh has no area.
-    """
+    """Random points (B, n, 3) on each mesh of a batch, uniform by area (Osada et al. 2002, "Shape Distributions"). They
+    move with the corners of their faces (Smith et al. 2019, GEOMetrics). A face without area is never chosen. vertices:
+    (B, V, 3). faces: (F, 3), of all meshes. generator: on the CPU or the vertices' device; None: the default one.
+    Raises ValueError if a vertex is NaN or infinite, or a mesh has no area."""
     corners = vertices[:, faces]  # (B, F, 3, 3)
     with torch.no_grad():
         areas = face_areas(corners.detach())

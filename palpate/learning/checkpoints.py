@@ -32,18 +32,16 @@ def build(
     sensor: Sensor = DIGIT,
     templates: Templates | None = None,
 ) -> Reconstruction | SingleImageModel:
-    """The untrained model of an experiment, for a hand's number of sensors and their kind; with templates, if its
-    strategy begins with them."""
+    """The untrained model of an experiment; with templates, if its strategy begins with them."""
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
     return Reconstruction(experiment, architecture, hand_sensors, sensor, templates)
 
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:
-    """Write a checkpoint atomically.
-    kind: `reconstruction` or `touch_depth`. described: what `load` needs to build the model (`experiment` and
-    `architecture`, or `width`; `sensor` and `hand_sensors`), and further values that JSON can hold: for
-    `palpate.reconstruct` the `camera` of all images, a (3, 4) projection to pixels or None, and their `image_size`."""
+    """Write a checkpoint atomically. kind: `reconstruction` or `touch_depth`. described: what `load` needs to build the
+    model (`experiment` and `architecture`, or `width`; `sensor` and `hand_sensors`), and more that JSON can hold: the
+    `camera` of all images, (3, 4) to pixels or None, and their `image_size`."""
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     content = io.BytesIO()  # torch's own writing of a file does not say that the disk is full
     torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, content)
@@ -99,11 +97,10 @@ def experiment_of(content: Mapping[str, Any]) -> Experiment:
 
 
 def load(path: Path | str, experiment: Experiment | None = None) -> Reconstruction | SingleImageModel:
-    """A trained reconstruction model in evaluation mode, on the CPU.
-    path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the one that it must be of, or that is evaluated
-    with these weights (`Experiment.weights`), if given: the model is then built as that one says. Raises
-    CheckpointError, before anything runs, if the file is missing, of another schema version, of another experiment, or
-    its weights don't fit the architecture it names."""
+    """A trained reconstruction model in evaluation mode, on the CPU, from
+    `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the one that it must be of, or that is evaluated with
+    these weights (`Experiment.weights`). Raises CheckpointError, before anything runs, if the file is missing, of
+    another schema version or experiment, or doesn't fit."""
     content = read(path, "reconstruction")
     sharing = experiment if experiment and experiment.weights is not None else None
     if experiment and not sharing and experiment.row() != content.get("experiment"):
@@ -135,8 +132,8 @@ def _sensor_of(content: Mapping[str, Any]) -> tuple[int, Sensor]:
 def require_sensor(
     trained_sensors: int | None, trained: Sensor, data_sensors: int | None, data: Sensor, model: Path | str
 ) -> None:
-    """Raise CheckpointError if data are of another kind of sensor than a model, or of another number a hand.
-    trained_sensors, data_sensors: of a hand; None: any number. model: its name for error messages."""
+    """Raise CheckpointError if data are of another kind of sensor than a model, or of another number a hand
+    (None: any). model: its name for error messages."""
     differences = list(filter(None, [trained.geometry_difference(data)]))
     if None not in (trained_sensors, data_sensors) and trained_sensors != data_sensors:
         differences.append(f"sensors of a hand: {trained_sensors} and {data_sensors}")

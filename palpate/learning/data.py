@@ -1,9 +1,5 @@
-"""The arrays of an experiment in memory, read once from a run's stores, for training and evaluation.
-
-`palpate/learning/inputs.py` lists the arrays of an experiment and their types. Shapes are the contract's of what is
-stored (docs/dataset.md), in the world frame. Silhouettes have those of masks, and `image_camera` is (o, k, 3, 4) to
-pixels. Objects are those that all stores of the arrays have.
-"""
+"""The arrays of an experiment in memory, read once from a run's stores, for training and evaluation. Shapes are the
+contract's (docs/dataset.md), in the world frame; silhouettes have those of masks, `image_camera` is (o, k, 3, 4)."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,8 +15,6 @@ from palpate.learning.inputs import Input, inputs, stages
 from palpate.sensor import DIGIT, Sensor
 from palpate.strategies import CAMERAS
 
-IN_MEMORY = "the data in memory"  # in messages
-
 
 class ExperimentDataError(ValueError):
     """A run's data can't be used for an experiment; the message names them and what to do."""
@@ -28,22 +22,15 @@ class ExperimentDataError(ValueError):
 
 class ExperimentData:
     """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
-
-    arrays: by name, among them `object`, `class` and `split` (o,). source: their name for messages. sensor: the kind of
-    touch sensor that touches are of. one_size: whether all objects were scaled to one size.
-
-    Attributes:
-        objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that axis.
-        hand_sensors: s, None if no array has that axis. largest: m, the diagonal of the box of the largest object of
-        the train split, if objects keep their size; None where all have one size.
-
-    Raises ExperimentDataError, naming the object, if a value is NaN or infinite.
-    """
+    arrays: by name, among them `object`, `class` and `split` (o,). source: their name for messages. sensor: that
+    touches are of. one_size: whether all objects were scaled to one size; else `largest` is the diagonal (m) of the box
+    of the largest object of the train split. grasps: of an object, 0 if no array has that axis; hand_sensors: of a
+    grasp, or None. Raises ExperimentDataError, naming the object, if a value is NaN or infinite."""
 
     def __init__(
         self,
         arrays: Mapping[str, Sequence[str] | np.ndarray],
-        source: str = IN_MEMORY,
+        source: str = "the data in memory",
         sensor: Sensor = DIGIT,
         one_size: bool = True,
     ):
@@ -90,10 +77,8 @@ class ExperimentData:
         cls, run: Path | str, experiment: Experiment, splits: Iterable[str] = SPLITS, training: bool = False
     ) -> "ExperimentData":
         """The data of an experiment: the objects of some splits of a run. training: with what only trainings take.
-
-        Raises ExperimentDataError if no object is in all stores that the experiment needs; StoreError, naming the file
-        and the remedy, if a store is missing, can't be read, or has values that are not finite or out of their range.
-        """
+        Raises ExperimentDataError if no object is in all stores; StoreError, naming the file and the remedy, for a bad
+        store."""
         needed = stages(experiment, training)
         dataset = Dataset(run, needed)
         if not len(dataset):

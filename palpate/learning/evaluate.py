@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from palpate.charts import build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
 from palpate.dataset import Dataset
-from palpate.dataset.reader import GraspRecord, ObjectRecord
+from palpate.dataset.reader import GraspRecord
 from palpate.experiments import SPLITS, Experiment
 from palpate.learning import checkpoints
 from palpate.learning.checkpoints import require_sensor
@@ -35,7 +35,7 @@ from palpate.models.retrieval import Objects, Retrieval
 from palpate.protocol import CHAMFER_SCALE, RINGS
 from palpate.rebuild_command import rebuild_command
 from palpate.seal import DamagedFile
-from palpate.sensor import DIGIT, Sensor
+from palpate.sensor import DIGIT
 from palpate.text_files import read_record
 
 log = logging.getLogger(__name__)
@@ -55,8 +55,8 @@ class Trained(NamedTuple):
 
 
 def load(model: Path | str, summary: Path | str, experiment: Experiment, seed: int, device: str) -> Trained:
-    """A model from its `best.ckpt` and `training.json`; device: `auto`, `cpu` or `gpu`. Raises what `checkpoints.load`
-    raises for a checkpoint of another experiment or schema version."""
+    """A model from its `best.ckpt` and `training.json`; device: `auto`, `cpu`, `gpu`. Raises what `checkpoints.load`
+    does."""
     on = Machine(device).torch_device()
     return Trained(checkpoints.load(model, experiment).to(on), experiment, seed, training_steps(summary), on)
 
@@ -76,8 +76,7 @@ def _training_objects(run: Path | str, has_vision: bool) -> Objects:
 
 
 def training_steps(summary: Path | str) -> int:
-    """Number of training steps of a model, from its `training.json`. Raises EvaluationError, naming the file and the
-    remedy, if it is missing, damaged or does not say."""
+    """Training steps, from a `training.json`. Raises EvaluationError if it is missing, damaged, or says none."""
     try:
         return int(read_record(summary)["steps"])
     except DamagedFile as error:
@@ -91,9 +90,8 @@ def evaluate(
     trained: Trained, data: ExperimentData, points: int = POINTS, splits: Sequence[str] = SPLITS
 ) -> pd.DataFrame:
     """Score every sample (`palpate.learning.samples.windows`) of some splits: `rows.COLUMNS`, a row a sample. `points`
-    are sampled on the predicted mesh, from random numbers that depend on the object only, so that models differ by
-    their meshes only. `seconds` is the prediction's time, an equal share of its batch's. Raises EvaluationError, naming
-    the object, for a prediction that is not finite."""
+    are sampled on the predicted mesh, by random numbers of the object only. `seconds` is the prediction's time, an
+    equal share of its batch's. Raises EvaluationError, naming the object, for a prediction that is not finite."""
     rows, last = [], None
     surface = topology(trained.experiment.plan.start)
     for sample, prediction, seconds in predictions(trained, data, splits):
@@ -110,15 +108,19 @@ def evaluate(
 def evaluate_rings(
     trained: Trained, data: ExperimentData, dataset: Dataset, splits: Sequence[str], points: int = SAMPLES
 ) -> pd.DataFrame:
-    """Distances from the true surface in the rings around each touch to the predictions of some splits. Columns
-    `rows.RING_COLUMNS`; a row for each sample, successful touch and ring. The touches are those of the sample's grasps,
-    or of all grasps if no input of the model depends on a grasp. `distance` (m^2) is nan for a ring without surface.
-    dataset: the run's, with its stores of touch and rings."""
-    rows, touches, last = [], [], None
+    """Distances from the true surface in the rings around each touch to the predictions: `rows.RING_COLUMNS`, a row for
+    each sample, successful touch of its grasps (or of all, if no input depends on a grasp) and ring. `distance` (m^2)
+    is nan for a ring without surface. dataset: the run's, with its stores of touch and rings."""
+    rows, last = [], None
+    touches: list[dict[int, list[np.ndarray]]] = []  # of each grasp, by sensor, the true points of the rings around it
     for sample, prediction, _ in predictions(trained, data, splits):
         name = data.objects[sample.object]
         if last != name:
-            touches, last = _touch_rings(dataset[name], dataset.sensor), name
+            last, touches = name, []
+            for record in dataset[name].grasps:
+                sensors = np.flatnonzero(record.success)
+                seen = zip(record.ring_depth[sensors], record.position[sensors], record.rotation[sensors], strict=True)
+                touches.append({s: ring_points(*each, dataset.sensor) for s, each in zip(sensors, seen, strict=True)})
         # An object's touches in one search: its prediction and the search's start cost as much as a touch.
         numbers = sample.grasps or range(len(touches))
         chosen = [(number, sensor) for number in numbers for sensor in touches[number]]
@@ -131,23 +133,11 @@ def evaluate_rings(
     return pd.DataFrame(rows, columns=RING_COLUMNS)
 
 
-def _touch_rings(item: ObjectRecord, kind: Sensor) -> list[dict[int, list[np.ndarray]]]:
-    """The true surface points of the rings around each successful touch of an object: grasps, then by sensor."""
-    return [
-        {
-            sensor: ring_points(grasp.ring_depth[sensor], grasp.position[sensor], grasp.rotation[sensor], kind)
-            for sensor in np.flatnonzero(grasp.success)
-        }
-        for grasp in item.grasps
-    ]
-
-
 def predictions(
     trained: Trained, data: ExperimentData, splits: Sequence[str]
 ) -> Iterator[tuple[Sample, Tensor, float]]:
-    """Each sample of some splits with what the model predicts, as its `forward` says, and the seconds it took. Raises
-    EvaluationError if there is no object, and what `predict` raises; CheckpointError if the touches are of another
-    sensor than the model's."""
+    """Each sample of some splits with its prediction, and the seconds it took. Raises EvaluationError if there is no
+    object, and what `predict` raises; CheckpointError if the touches are of another sensor."""
     model, experiment = trained.model, trained.experiment
     samples = windows(data, experiment, *splits)
     if not samples:
@@ -211,11 +201,9 @@ def evaluate_touch(
     model: TouchDepth, steps: int, dataset: Dataset, points: int = POINTS, splits: Sequence[str] = SPLITS
 ) -> pd.DataFrame:
     """Score the local predictions at every successful touch of some splits: `rows.TOUCH_COLUMNS`. `cloud` is the
-    Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels whose reading differs from the untouched one,
-    at the predicted depth) to the true one; `chart` that of `points` sampled on the touch chart that was fitted to it.
-    model: in evaluation mode, on any device; steps: those it was trained for. dataset: the run's, with its stores of
-    touch and charts. Raises EvaluationError if these splits have no successful touch; CheckpointError if they are of
-    another sensor."""
+    Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels that differ from the untouched reading) to
+    the true one; `chart` that of `points` on the touch chart. model: trained for `steps`. dataset: with its stores of
+    touch and charts. Raises EvaluationError if there is no touch; CheckpointError for another sensor's."""
     require_sensor(None, model.sensor, None, dataset.sensor, "the model of touches")
     records = [record for record in dataset if record.split in splits]
     rows, empty = [], channels_first(dataset.empty_reading)

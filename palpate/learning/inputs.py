@@ -1,7 +1,4 @@
-"""The arrays that experiments take, and their stages: what workflow inputs and data in memory come from.
-
-It needs neither torch nor the stores.
-"""
+"""The arrays that experiments take, and their stages, for workflow and training. Needs neither torch nor stores."""
 
 from typing import NamedTuple
 
@@ -9,10 +6,7 @@ from palpate.experiments import Experiment
 
 
 class Input(NamedTuple):
-    """An array in a training's memory.
-
-    name: of the array there. stage, array: of its store (intrinsics and extrinsics are multiplied). dtype: in memory.
-    """
+    """An array in a training's memory, by its name there; of a store the stage and the array; its dtype in memory."""
 
     name: str
     stage: str

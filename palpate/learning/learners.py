@@ -1,8 +1,5 @@
-"""What a training does in a step, and in a validation.
-
-All random numbers of a step follow from the seed and the step's number, so that an interrupted training resumes without
-any difference.
-"""
+"""What a training does in a step, and in a validation. All random numbers follow from the seed and the step's number,
+so that an interrupted training resumes without any difference."""
 
 import logging
 from abc import ABC, abstractmethod
@@ -19,15 +16,7 @@ from palpate.experiments import Experiment
 from palpate.learning import checkpoints
 from palpate.learning.data import ExperimentData, ExperimentDataError
 from palpate.learning.recipes import ReconstructionSettings, Settings, TouchDepthSettings
-from palpate.learning.samples import (
-    Assembler,
-    Sample,
-    grasps_per_sample,
-    shuffled,
-    spread,
-    training_samples,
-    windows,
-)
+from palpate.learning.samples import Assembler, Sample, grasps_per_sample, shuffled, spread, training_samples, windows
 from palpate.learning.touch_charts import TouchReadings, touch_depth_loss, touched
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.losses import Target, Truth, cloud_loss
@@ -43,20 +32,13 @@ VALIDATION_SEED = 1  # the same points in every validation of every model, so th
 
 
 class Diverged(RuntimeError):
-    """A prediction, the loss, or its gradient is NaN or infinite, where the message names the sample; or no gradient
-    reaches the network."""
+    """A prediction, the loss or its gradient is not finite (names the sample), or no gradient reaches the network."""
 
 
 class Learner(nn.Module, ABC):
-    """A model and how it is trained: `learner(step)` is the loss of a training step.
-
-    model: to be trained. settings: of the recipe. seed: of the order of samples and of points. samples: number of
-    training samples. validation_samples: those of a validation, in order.
-
-    Attributes: steps, number of training steps; validation_interval, steps between validations; rank, processes, of
-    those that each take a share of a batch (there is one for each GPU); step, the one that was begun last; kind, of
-    the checkpoints.
-    """
+    """A model and how it is trained: `learner(step)` is the loss of a training step. seed: of the order of samples and
+    of points. samples: number of training samples. steps: of training; validation_interval: between validations; rank,
+    processes: of those that share a batch, one a GPU; step: begun last; kind: of checkpoints."""
 
     kind: ClassVar[str]
     model: nn.Module
@@ -90,7 +72,6 @@ class Learner(nn.Module, ABC):
 
     @property
     def device(self) -> torch.device:
-        """Where the model is."""
         return next(self.model.parameters()).device
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:
@@ -128,12 +109,11 @@ class Learner(nn.Module, ABC):
     def validation_losses(self) -> Tensor:
         """The losses (n,) float64 of this process's share of the validation samples, in batches as of a step."""
         samples, size = self.validation_samples, self.settings.batch
-        parts = [samples[first : first + size] for first in range(0, len(samples), size)]
-        losses = (
-            self._finite_losses(self._share(part), VALIDATION_SEED, number, "the validation", validation=True)
-            for number, part in enumerate(parts)
-        )
-        return torch.cat([part.double() for part in losses])
+        losses = []
+        for number, first in enumerate(range(0, len(samples), size)):
+            part = self._share(samples[first : first + size])
+            losses.append(self._finite_losses(part, VALIDATION_SEED, number, "the validation", validation=True))
+        return torch.cat(losses).double()
 
     def _finite_losses(
         self, batch_samples: Sequence, seed: int, step: int, where: str, validation: bool = False
@@ -163,10 +143,8 @@ class Learner(nn.Module, ABC):
 
 
 class ReconstructionLearner(Learner):
-    """Trains reconstruction on the objects of the train split, for one experiment.
-
-    data: of the train and validation splits. Raises ExperimentDataError if a split has no object.
-    """
+    """Trains reconstruction on the objects of the train split, for one experiment. data: of the train and validation
+    splits. Raises ExperimentDataError if a split has no object."""
 
     kind = "reconstruction"
     model: Reconstruction | SingleImageModel
@@ -190,7 +168,10 @@ class ReconstructionLearner(Learner):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             hand_sensors = data.hand_sensors or HAND_SENSORS
-            templates = _templates(data, train) if experiment.plan.start == "templates" else None
+            templates, name = None, "unoccluded_silhouette"
+            if experiment.plan.start == "templates":
+                masks = shrunk(torch.from_numpy(data[name][train])) if name in data else None
+                templates = Templates(torch.from_numpy(data["template"][train]), masks)
             model = checkpoints.build(experiment, architecture, hand_sensors, data.sensor, templates)
         by_grasp = settings.epoch == "grasps" and experiment.takes_grasps
         super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), validation_samples)
@@ -198,19 +179,16 @@ class ReconstructionLearner(Learner):
         self.template = {number: place for place, number in enumerate(train)}
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:
-        """As the base says, with the true points."""
         super().begin(rank, processes)
         self.assemble = Assembler(self.data, self.experiment, self.device)
         self.truth = Truth(torch.from_numpy(self.data["points"]).to(self.device))
         self.starts: dict[tuple[Sample, ...], Tensor] = {}
 
     def training_batch(self, step: int) -> list[Sample]:
-        """Objects with some of their grasps and an image: `training_samples`."""
         settings = self.settings
         return training_samples(self.data, self.experiment, settings.batch, self.seed, step, settings.epoch)
 
     def sample_names(self, batch_samples: Sequence[Sample]) -> str:
-        """Objects, grasps and views."""
         return ", ".join(
             f"{self.data.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}"
             for sample in batch_samples
@@ -235,21 +213,14 @@ class ReconstructionLearner(Learner):
     def _start(self, batch_samples: Sequence[Sample], batch: Mapping[str, Tensor]) -> Tensor:
         """The start (1824, B, 3) m of samples and their batch, which has no weights in it: once of the same inputs."""
         shown = int(self.experiment.vision == "occluded")  # grasps whose images are inputs
-        inputs = tuple(
-            sample._replace(
-                grasps=sample.grasps if sample.touched is None else sample.grasps[: sample.touched or shown]
-            )
-            for sample in batch_samples
-        )
-        if inputs in self.starts:
-            return self.starts[inputs]
-        start = cast(Reconstruction, self.model).start_of(batch)
+        taken = [None if sample.touched is None else sample.touched or shown for sample in batch_samples]
+        inputs = tuple(each._replace(grasps=each.grasps[:n]) for each, n in zip(batch_samples, taken, strict=True))
+        start = self.starts[inputs] if inputs in self.starts else cast(Templates, self.model.templates)(batch)
         if len(self.starts) * len(inputs) < KEPT_STARTS:
             self.starts[inputs] = start
         return start
 
     def described(self) -> dict[str, Any]:
-        """The experiment, its architecture and data, and what images and touches are taken to be."""
         camera = self.data.common_camera(self.experiment)
         described = {
             "experiment": self.experiment.row(),
@@ -262,13 +233,6 @@ class ReconstructionLearner(Learner):
         if self.experiment.touch:
             described |= {"hand_sensors": self.model.hand_sensors, "sensor": self.model.sensor.description()}
         return described
-
-
-def _templates(data: ExperimentData, objects: Sequence[int]) -> Templates:
-    """What a strategy with templates begins with: the fitted charts and the silhouettes of some objects."""
-    name = "unoccluded_silhouette"
-    masks = shrunk(torch.from_numpy(data[name][objects])) if name in data else None
-    return Templates(torch.from_numpy(data["template"][objects]), masks)
 
 
 class TouchDepthLearner(Learner):
@@ -289,20 +253,16 @@ class TouchDepthLearner(Learner):
         self.touches = {"train": train, "validation": validation}
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:
-        """As the base says, with the touches."""
         super().begin(rank, processes)
         self.on_device = {name: touches.to(self.device) for name, touches in self.touches.items()}
 
     def training_batch(self, step: int) -> list[int]:
-        """Rows of the training touches."""
         return shuffled(len(self.touches["train"]), self.settings.batch, self.seed, step).tolist()
 
     def sample_names(self, batch_samples: Sequence[int]) -> str:
-        """Rows of touches."""
         return "touches " + ", ".join(map(str, batch_samples))
 
     def losses(self, batch_samples: Sequence[int], generator: torch.Generator, validation: bool = False) -> Tensor:
-        """`touch_depth_loss` (B,)."""
         touches = self.on_device["validation" if validation else "train"]
         rows = torch.as_tensor(batch_samples, device=self.device)
         reading, empty = touches.reading[rows].float() / 255, touches.empty.float() / 255
@@ -313,5 +273,4 @@ class TouchDepthLearner(Learner):
             return touch_depth_loss(depth.float(), valid, touches.depth[rows], n, generator, touches.sensor.size)
 
     def described(self) -> dict[str, Any]:
-        """The width of its first level, and whose readings it takes."""
         return {"width": self.settings.width, "sensor": self.model.sensor.description()}

@@ -150,12 +150,10 @@ def train(
     made_from: seal.MadeFrom = seal.NOTHING,
 ) -> dict[str, Any]:
     """Train a model, or resume an interrupted training of the same model; the result is the same.
-    learner: the model with its data and settings. folder: gets `best.ckpt` (see `checkpoints`), `training.json` (which
-    is returned), and `history.csv` (a row an evaluation, losses in the tables' unit). checkpoint_folder: of the
-    training in progress; removed at the end. Those of another config or other data are ignored. label: for progress.
-    made_from: what the seals of the three files state. Raises Diverged, naming the sample and the last good checkpoint,
-    if the prediction, the loss or its gradient becomes NaN or infinite, before any weight is changed by it, or if at an
-    evaluation no gradient reaches the network; ValueError for a precision below float32."""
+    folder: gets `best.ckpt` (see `checkpoints`), `training.json` (which is returned), and `history.csv` (a row an
+    evaluation, losses in the tables' unit), with seals that state `made_from`. checkpoint_folder: of the training in
+    progress; removed at the end; those of another config or other data are ignored. label: for progress. Raises
+    Diverged, naming the sample and the last good checkpoint, before any weight is lost."""
     folder, checkpoints_folder = Path(folder), Path(checkpoint_folder)
     if machine.precision not in PRECISIONS:
         raise ValueError(f"precision {machine.precision!r}: choose one of {', '.join(PRECISIONS)}")
@@ -188,7 +186,18 @@ def train(
         ) from None
     finally:
         torch.set_flush_denormal(False)
-    summary = {**_summary(training, machine, accelerator), "identity": identity}
+    name = torch.cuda.get_device_name() if accelerator == "gpu" else "cpu"
+    summary = {
+        **learner.stated(),
+        "parameters": sum(weights.numel() for weights in learner.model.parameters()),
+        "validated": len(learner.validation_samples),
+        "steps": training.done,
+        "best_step": training.best["step"],
+        "validation_loss": training.best["validation_loss"],
+        "seconds": training.history[-1]["seconds"],
+        "machine": {**machine._asdict(), "found": name, "torch": torch.__version__},
+        "identity": identity,
+    }
     if fabric.is_global_zero:
         _write(folder, checkpoints_folder, training.history, summary, made_from)
     return summary
@@ -208,21 +217,6 @@ def _prepare(checkpoints_folder: Path, identity: str) -> None:
     checkpoints_folder.mkdir(parents=True)
     with atomic_write(marker, seal.NOTHING) as partial:
         partial.write_text(identity + "\n")
-
-
-def _summary(training: Training, machine: Machine, accelerator: str) -> dict[str, Any]:
-    learner, last = training.learner, training.history[-1]
-    name = torch.cuda.get_device_name() if accelerator == "gpu" else "cpu"
-    return {
-        **learner.stated(),
-        "parameters": sum(weights.numel() for weights in learner.model.parameters()),
-        "validated": len(learner.validation_samples),
-        "steps": last["step"],
-        "best_step": training.best["step"],
-        "validation_loss": training.best["validation_loss"],
-        "seconds": last["seconds"],
-        "machine": {**machine._asdict(), "found": name, "torch": torch.__version__},
-    }
 
 
 def _write(

@@ -29,9 +29,8 @@ def squared_distances(points: Tensor, others: Tensor) -> Tensor:
 
 
 def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarray:
-    """Mean squared distance (k,) m^2 from the points of each ring to the nearest point of a prediction.
-    rings: k arrays (n, 3), of any number of touches; nan for one without points. prediction: (m, 3) points on it;
-    metres, one frame. Raises ValueError for a prediction that is empty or not finite."""
+    """Mean squared distance (k,) m^2 from the points of each of k rings (n, 3) to the nearest of a prediction's (m, 3),
+    m; nan for a ring without points. Raises ValueError for a prediction that is empty or not finite."""
     sizes = [len(points) for points in rings]
     if not sum(sizes):
         return np.full(len(rings), np.nan)
@@ -42,9 +41,8 @@ def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarra
 
 def score(prediction: Tensor, truth: Tensor, tree: cKDTree | None = None) -> Score:
     """All scores of a predicted cloud (n, 3) against the true one (m, 3); `tree` is the true one's. The Chamfer
-    distance is the mean squared distance each way, added (section 3.1, with means for sums). F1 is the harmonic mean of
-    precision (share of predicted points with a true point nearer than the threshold) and recall (the other way round),
-    0 if both are. Raises ValueError if a cloud is empty or not finite."""
+    distance is the mean squared distance each way, added (section 3.1, with means for sums); F1 the harmonic mean of
+    precision and recall at a threshold, 0 if both are. Raises ValueError if a cloud is empty or not finite."""
     true, predicted = tree or build_tree(truth), build_tree(prediction)
     to_truth, to_prediction = _between_trees(predicted, true), _between_trees(true, predicted)
     thresholds = [tau / PIXEL2MESH_SCALE**2 for tau in (TAU, 2 * TAU)]

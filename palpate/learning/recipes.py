@@ -1,16 +1,21 @@
-"""Training recipes: one by its name with a run's overrides, and from it the settings of one model."""
+"""Training recipes: one by its name with a run's overrides, and from it the settings of one model. The grid of
+hyperparameters that the supplement tunes. No torch."""
 
+import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from palpate.architectures import Architecture, paper_architecture
+from palpate.architectures import Architecture, paper_architecture, required
 from palpate.configuration import ConfigError, check, merge, not_among, plain
 from palpate.experiments import Experiment
 from palpate.strategies import STRATEGIES
+
+TUNED = ("rate", "cnn_layers", "gcn_layers", "width")
+BLOCKS = 4  # of an image encoder, in the paper's models
 
 
 @dataclass(frozen=True)
@@ -70,8 +75,7 @@ class Recipe:
     @classmethod
     def read(cls, recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> "Recipe":
         """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked. Raises ConfigError,
-        naming the keys, if there is no such recipe, or the file or the result does not fit the schema or has neither
-        steps nor epochs."""
+        naming the keys, for an unknown recipe, or a part without steps or epochs or against the schema."""
         known = yaml.safe_load(Path(recipes).read_text())
         check(known, schema, str(recipes))
         if name not in known:
@@ -94,8 +98,7 @@ class Recipe:
 
     def settings(self, experiment: Experiment) -> ReconstructionSettings:
         """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
-        Architecture `paper` is resolved. Steps, epochs and the steps between evaluations are then multiplied by
-        `steps_factor`, if there is one."""
+        Steps, epochs and the steps between evaluations are then multiplied by `steps_factor`, if there is one."""
         merged = merge(self.reconstruction, self.modalities.get(experiment.modality, {}))
         merged = merge(merged, self.strategies.get(experiment.strategy, {}))
         papers = merged["architecture"] == "paper"
@@ -105,3 +108,37 @@ class Recipe:
         for key in ("steps", "epochs", "evaluate_every"):
             merged[key] = merged[key] and max(1, round(factor * merged[key]))
         return ReconstructionSettings.from_row(merged)
+
+
+def tuning_grid(file: Path | str, name: str) -> list[dict[str, Any]]:
+    """The points of a grid of `config/tuning.yaml`, each a value of every one of `TUNED`. Raises ConfigError if there
+    is no such grid or it does not have these keys."""
+    grids = yaml.safe_load(Path(file).read_text())
+    if name not in grids:
+        raise ConfigError(f"config tuning.grid: no grid {name!r} in {file}; known: {', '.join(grids)}")
+    if set(grids[name]) != set(TUNED):
+        raise ConfigError(f"{file}: grid {name} must have {', '.join(TUNED)}, but it has {', '.join(grids[name])}")
+    values = (grids[name][key] for key in TUNED)
+    return [dict(zip(TUNED, point, strict=True)) for point in itertools.product(*values)]
+
+
+def layers_of_blocks(count: int) -> list[int]:
+    """Convolutions in each of the paper's four blocks; the last has the remainder (18: 5, 5, 5, 3; 12: 3, 3, 3, 3).
+    Raises ConfigError if the last block would be empty."""
+    most = -(-count // BLOCKS)
+    layers = [most] * (BLOCKS - 1) + [count - (BLOCKS - 1) * most]
+    if layers[-1] < 1:
+        raise ConfigError(f"tuning: {count} CNN layers can't be laid into {BLOCKS} blocks as the paper's")
+    return layers
+
+
+def tuning_settings(
+    settings: ReconstructionSettings, point: Mapping[str, Any], steps: int | None
+) -> ReconstructionSettings:
+    """The settings of one training of the grid: those of the experiment, with a point's layers and rate. Maps are
+    pooled after the last three blocks, as in the paper's tables. steps: replaces those of the settings, unless None."""
+    layers, old = layers_of_blocks(point["cnn_layers"]), settings.architecture
+    encoder = replace(required(old.encoder, "encoder"), layers=layers, pool=list(itertools.accumulate(layers))[1:])
+    gcn = replace(required(old.gcn, "gcn"), layers=point["gcn_layers"], width=point["width"])
+    architecture = replace(old, encoder=encoder, gcn=gcn)
+    return replace(settings, architecture=architecture, rate=point["rate"], steps=steps or settings.steps)

@@ -1,7 +1,5 @@
 """Use a trained model: from an image and the touches of a grasp to a mesh. From Python `palpate.reconstruct`, or:
-
-palpate reconstruct results/default template_occluded_any bottle-0011 --output x.ply
-"""
+palpate reconstruct results/default template_occluded_any bottle-0011 --output x.ply"""
 
 import warnings
 from collections.abc import Sequence
@@ -89,14 +87,12 @@ def reconstruct(
     device: str = "cpu",
 ) -> "trimesh.Trimesh":
     """The mesh that a trained model predicts from one image, from touches, or from both.
-
     image: (s, s, 3) uint8 sRGB, row 0 at the top; of (s, s, 4) the last channel is opacity. camera: (3, 4) the image's,
     from homogeneous world coordinates to pixels; models that were trained on several cameras, or on views, need it, the
     others take that of their training. silhouette: of the object in the image, which models of strategy `template`
     need. touches: one grasp, or a sequence of as many as the model takes: grasp records of `palpate.Dataset`, or
     `GraspTouches`. What the model does not take is ignored. model: its folder, `<run>/models/<experiment>/seed-<k>`, or
     the checkpoint in it; a model that takes touch charts also reads the run's U-Net, `<run>/models/touch_depth`.
-
     Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are, touch charts
     in another colour. Without any successful touch there is a warning: the model only knows where sensors are. Raises
     ReconstructionError for a model that is not there, a missing image or touch, and values of another shape or not
@@ -105,10 +101,9 @@ def reconstruct(
 
 
 class Reconstructor:
-    """A trained model, loaded once: `model(image, touches) -> Shape`, `model.predict(record) -> Shape`.
-    model: its folder or checkpoint, as `reconstruct` takes it. device: of torch. Raises ReconstructionError if the
-    model is not there (naming those that are), its run has no U-Net, or the device can't be used; CheckpointError as
-    `palpate.learning.checkpoints.load` does."""
+    """A trained model, loaded once: `model(image, touches) -> Shape`, `model.predict(record) -> Shape`. Raises
+    ReconstructionError if the model is not there (naming those that are), its run has no U-Net, or the device can't be
+    used; CheckpointError as `palpate.learning.checkpoints.load` does."""
 
     def __init__(self, model: Path | str, device: str = "cpu"):
         self.path = checkpoint(model)
@@ -162,9 +157,7 @@ class Reconstructor:
         inputs: dict[str, np.ndarray] = {}
         success = np.zeros(0, dtype=bool)
         if self.experiment.has_vision:
-            inputs |= self._image_inputs(image, camera)
-        if self.experiment.takes_masks:
-            inputs |= self._silhouette_inputs(silhouette, inputs["image"])
+            inputs |= self._image_inputs(image, camera, silhouette)
         if self.experiment.touch:
             sensors = self._all_touches(touches)
             poses = {"position": sensors.position, "rotation": sensors.rotation}
@@ -193,7 +186,9 @@ class Reconstructor:
             return {number: self.predict(record, [number]).mesh() for number in numbers}
         return dict.fromkeys(numbers, self.predict(record).mesh())
 
-    def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
+    def _image_inputs(
+        self, image: np.ndarray | None, camera: np.ndarray | None, silhouette: Silhouette | None
+    ) -> dict[str, np.ndarray]:
         if image is None:
             raise ReconstructionError(f"{self.name} takes an image ({self.experiment.vision} vision): give one")
         image = np.asarray(image)
@@ -215,21 +210,19 @@ class Reconstructor:
         _check_finite("the camera", projection)
         if not np.linalg.cond(projection.astype(float)[:, :3]) < FLAT:
             raise ReconstructionError("invalid camera: its projection (3, 4) maps the scene to a line or a point")
-        return {"image": image, "camera": projection.astype(np.float32)}
-
-    def _silhouette_inputs(self, silhouette: Silhouette | None, image: np.ndarray) -> dict[str, np.ndarray]:
+        inputs = {"image": image, "camera": projection.astype(np.float32)}
+        if not self.experiment.takes_masks:
+            return inputs
         if silhouette is None:
-            raise ReconstructionError(
-                f"{self.name} also takes the object's silhouette in the image: give one; of an object of a dataset, "
-                "Reconstructor.predict gives it"
-            )
-        pixels = {"mask": silhouette.mask, "hand": silhouette.hand}
-        seen = {key: np.asarray(values, dtype=bool) for key, values in pixels.items() if values is not None}
-        for key, values in seen.items():
-            if values.shape != image.shape[:2]:
-                expected = f"expected the image's {image.shape[:2]}"
-                raise ReconstructionError(f"the silhouette's {key} has shape {values.shape}, {expected}")
-        return seen | {"camera_number": np.asarray(silhouette.view)}
+            remedy = "give one; of an object of a dataset, Reconstructor.predict gives it"
+            raise ReconstructionError(f"{self.name} also takes the object's silhouette in the image: {remedy}")
+        for key, values in {"mask": silhouette.mask, "hand": silhouette.hand}.items():
+            if values is not None:
+                inputs[key] = np.asarray(values, dtype=bool)
+                if inputs[key].shape != image.shape[:2]:
+                    shapes = f"shape {inputs[key].shape}, expected the image's {image.shape[:2]}"
+                    raise ReconstructionError(f"the silhouette's {key} has {shapes}")
+        return inputs | {"camera_number": np.asarray(silhouette.view)}
 
     def _all_touches(self, touches: Grasps) -> GraspTouches:
         """All sensors of all grasps in one, checked."""
@@ -364,10 +357,9 @@ def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
 def of_object(
     record: ObjectRecord, experiment: Experiment, grasps: Sequence[int] | None = None, view: int = 0
 ) -> Inputs:
-    """The inputs of a model from an object of the dataset.
-    experiment: the model's. grasps: numbers of the grasps, as many as the model takes; the first ones by default. An
-    occluded image is that of the first of them. view: number of the view, for a model of single views, or of the
-    camera. Raises ReconstructionError for a grasp or view that the object does not have."""
+    """The inputs of a model of an experiment from an object of the dataset. grasps: numbers; by default the first, as
+    many as it takes; an occluded image is that of the first. view: number of the view, or of the camera. Raises
+    ReconstructionError for a grasp or view that the object does not have."""
     available = record.grasps if experiment.takes_grasps else []
     default = range(min(experiment.grasps, len(available)) if experiment.fewer_grasps else experiment.grasps)
     numbers = list(default if grasps is None else grasps)

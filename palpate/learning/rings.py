@@ -1,9 +1,6 @@
-"""Rings of surface points around each touch (section 5.3).
-
+"""Rings of surface points around each touch (section 5.3), with the numbers of the published `calc_local_chamfer`.
 A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x onto the
-true surface. Ring 1 lies within the sensor's own plane, ring r between the planes of r - 1 and r times its size. Points
-that meet no surface are omitted. All numbers are those of the published evaluation (`calc_local_chamfer`).
-"""
+true surface. Ring r lies between the planes of r - 1 and r times the sensor's size; others are omitted."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -59,8 +56,8 @@ class MeshSurface:
         self._object_position = np.asarray(object_position, dtype=float)
 
     def project(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """(100, 100) float32 distance from the grid of a sensor at `position` (3,), `rotation` (3, 3), world,
-        to the first face of either orientation along its x; +inf where there is none within `reach`."""
+        """(100, 100) float32 distance from the grid of a sensor at `position` (3,), `rotation` (3, 3), world, to the
+        first face of either side along its x; +inf where there is none within `reach`."""
         origin = np.asarray(position) - self._object_position
         start = self._plane @ np.asarray(rotation).T + origin
         direction = np.asarray(rotation)[:, 0]
@@ -78,8 +75,8 @@ class MeshSurface:
 
 
 class CloudSurface:
-    """Points (n, 3) on a surface, world frame, metres, that rings are projected onto, for runs that have no meshes:
-    each is a small disc, as wide as the cloud is apart, that faces the sensor. Raises ValueError for fewer than 6."""
+    """As `MeshSurface`, of points (n, 3) on a surface, world frame, m, for runs without meshes: each is a small disc,
+    as wide as the cloud is apart, that faces the sensor. Raises ValueError for fewer than 6."""
 
     def __init__(self, points: np.ndarray, sensor: Sensor = DIGIT):
         self._sensor = sensor

@@ -47,8 +47,7 @@ def read_table(path: Path, columns: Sequence[str]) -> DataFrame:
 
 
 def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> DataFrame:
-    """The rows of evaluation files, one after the other. Raises EvaluationError naming the first file that does not
-    exist, lacks a column, is damaged, or holds an error that is not a number."""
+    """The rows of evaluation files, together. Raises EvaluationError naming the first that is missing or damaged."""
     import pandas as pd
 
     frames = []

@@ -1,6 +1,7 @@
 """The samples of evaluations and of training steps, and the batch of tensors that samples make."""
 
 from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +17,9 @@ WITHOUT_TOUCH = 0.5  # share of steps; with fewer, vision alone learns less (doc
 
 
 class Sample(NamedTuple):
-    """What a model takes at once: an object, some of its grasps (none if nothing depends on a grasp), a view.
-
-    object: its number in the data. grasps: numbers of its grasps; an occluded image is that of the first. view: number
-    of the view, or of the camera, of its image. window: number among the samples of its object, in an evaluation.
-    touched: of how many of the grasps, from the first on, the touches are given; None: of all.
-    """
+    """What a model takes at once: an object's number, numbers of its grasps (an occluded image is that of the first),
+    and of the view or camera. window: among the samples of its object, in an evaluation. touched: of how many of the
+    grasps, from the first on, the touches are given; None: of all."""
 
     object: int
     grasps: tuple[int, ...] = ()
@@ -35,19 +33,14 @@ def grasps_per_sample(data: ExperimentData, experiment: Experiment) -> int:
     if not experiment.takes_grasps:
         return 0
     if experiment.grasps > data.grasps and not experiment.fewer_grasps:
-        raise ExperimentDataError(
-            f"{data.source}: {data.grasps} grasps an object, but the experiment needs "
-            f"{experiment.grasps}: raise grasps.per_object in the config"
-        )
+        too_few = f"{data.grasps} grasps an object, but the experiment needs {experiment.grasps}"
+        raise ExperimentDataError(f"{data.source}: {too_few}: raise grasps.per_object in the config")
     return min(experiment.grasps, data.grasps)
 
 
 def windows(data: ExperimentData, experiment: Experiment, *splits: str) -> list[Sample]:
-    """The samples that an evaluation on some splits has, object by object.
-
-    Grasps g to g + n - 1, modulo the number of grasps, for every g (once if n is all of them), if the model takes any;
-    each with every view, or every camera. The paper leaves open which grasps it measures on.
-    """
+    """The samples of an evaluation on some splits, object by object: grasps g to g + n - 1, modulo their number, for
+    every g (once if n is all), if the model takes any; each with every view or camera. The paper does not say."""
     n, total = grasps_per_sample(data, experiment), data.grasps
     starts = range(1) if n in (0, total) else range(total)
     choices = [tuple((start + k) % total for k in range(n)) for start in starts]
@@ -61,11 +54,9 @@ def windows(data: ExperimentData, experiment: Experiment, *splits: str) -> list[
 
 def spread(samples: Sequence[Sample], per_object: int | None) -> list[Sample]:
     """At most `per_object` samples of each object (None: all), evenly over its windows; these differ by object."""
-    by_object: dict[int, list[Sample]] = {}
-    for sample in samples:
-        by_object.setdefault(sample.object, []).append(sample)
     chosen = []
-    for order, windows in enumerate(by_object.values()):
+    for order, (_, group) in enumerate(groupby(samples, lambda sample: sample.object)):
+        windows = list(group)
         total = len(windows)
         count = min(per_object or total, total)
         chosen += [windows[k] for k in sorted((order + j * total // count) % total for j in range(count))]
@@ -73,10 +64,7 @@ def spread(samples: Sequence[Sample], per_object: int | None) -> list[Sample]:
 
 
 def shuffled(count: int, size: int, seed: int | Sequence[int], step: int) -> np.ndarray:
-    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again.
-
-    It depends on nothing but the arguments, so that training can resume at any step.
-    """
+    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again."""
     first = step * size
     places = np.arange(first, first + size)
     seeds = np.atleast_1d(seed)
@@ -85,10 +73,8 @@ def shuffled(count: int, size: int, seed: int | Sequence[int], step: int) -> np.
 
 
 def grasps_by_class(data: ExperimentData, size: int, seed: int, step: int) -> list[tuple[int, int]]:
-    """Objects of the train split and their grasps that a step takes, as the authors' released training takes them.
-
-    An epoch has as many as there are grasps, of each class the same number, each once before any again.
-    """
+    """Objects of the train split and their grasps that a step takes, as the authors' released training takes them. An
+    epoch has as many as there are grasps, of each class the same number, each once before any again."""
     objects = data.of_split("train")
     classes = sorted({data.classes[number] for number in objects})
     members = [[number for number in objects if data.classes[number] == name] for name in classes]
@@ -111,15 +97,10 @@ def grasps_by_class(data: ExperimentData, size: int, seed: int, step: int) -> li
 def training_samples(
     data: ExperimentData, experiment: Experiment, size: int, seed: int, step: int, epoch: str = "objects"
 ) -> list[Sample]:
-    """The samples of one training step: objects of the train split in random order, each with a random subset
-    of its grasps, in random order, and the image of a random view or camera.
-
-    epoch: `objects`, each once; `grasps`, each once if the experiment takes any, as `grasps_by_class` has them.
-
-    They depend on nothing but the number of grasps that the experiment takes, so that experiments with the same number
-    see the same samples at the same step. An experiment with `fewer_grasps` gets the touches of a random number of
-    them, up to its own, the same for all samples of a step; with vision, half of the steps have none.
-    """
+    """The samples of one training step: objects of the train split in random order, each with random grasps, in random
+    order, and a random view or camera. epoch: `objects`, each once; `grasps`, each once, as `grasps_by_class` has them.
+    Experiments with the same number of grasps see the same samples. With `fewer_grasps` the touches are of a random
+    number of them, the same for all samples of a step; with vision, half of the steps have none."""
     objects = data.of_split("train")
     n = grasps_per_sample(data, experiment)
     # A stream of its own; `shuffled` seeds its streams with two numbers.
@@ -142,10 +123,7 @@ def training_samples(
 
 
 class Assembler:
-    """Batches of samples as `palpate.models.Reconstruction.forward` takes them: `assembler(samples)`.
-
-    The arrays that an experiment takes stay on the device, images as bytes.
-    """
+    """Batches as `palpate.models.Reconstruction.forward` takes them: `assembler(samples)`."""
 
     TOUCH_ARRAYS = ("success", "position", "rotation", "charts", "reading")
 
@@ -178,10 +156,8 @@ class Assembler:
 
 
 def to_colours(images: Tensor) -> Tensor:
-    """Pixels (..., s, s, 3) uint8 as (..., 3, s, s) float32 in [0, 1]; the layout in memory is kept.
-
-    Of four channels the last is opacity: these images are put over white.
-    """
+    """Pixels (..., s, s, 3) uint8 as (..., 3, s, s) float32 in [0, 1]; the layout in memory is kept. Of four channels
+    the last is opacity: these images are put over white."""
     colours = images.movedim(-1, -3).float() / 255
     if colours.shape[-3] == 3:
         return colours

@@ -1,8 +1,5 @@
-"""Which grasp next: errors after each of some grasps that a strategy chooses one by one among those stored.
-
-A strategy gives each grasp a score, from those chosen so far; the next has the largest (docs/evaluation.md).
-Where the fingertips of stored grasps are is known to all strategies, what they touch to the oracle only.
-"""
+"""Which grasp next: errors after each of some grasps that a strategy chooses one by one among those stored. It scores
+each by those chosen so far (docs/evaluation.md). What stored grasps touch is known to the oracle only."""
 
 from collections.abc import Callable, Iterator, Sequence
 

@@ -6,8 +6,7 @@
 - `gap`: mean distance in mm between boundary vertices that were one point of the initial sphere; 0 for the sphere.
 - `across`: mean angle in degrees, weighted by area, between every fourth face and the true surface at the point nearest
   to its centre (normals: `plane_normals`, without sign); 0 where they are parallel, 57 for random faces. It is the
-  angle of the normal consistency of Mescheder et al. (2019, Occupancy Networks).
-"""
+  angle of the normal consistency of Mescheder et al. (2019, Occupancy Networks)."""
 
 from functools import cache
 from typing import NamedTuple
@@ -43,7 +42,7 @@ class Topology(NamedTuple):
 
 @cache
 def topology(start: Start | None) -> Topology | None:
-    """Of the vision charts, or of the closed sphere, by what a strategy deforms; None if it deforms neither."""
+    """Of what a strategy deforms: the vision charts or the closed sphere; None for neither."""
     if start is None or start == "sphere":
         return topology_of(sphere()[1].numpy()) if start else None
     atlas = vision_atlas()

@@ -24,11 +24,8 @@ TOUCHED = 0.001
 
 
 class TouchReadings(NamedTuple):
-    """k successful touches of one split.
-
-    reading: (k, 3, r, c) uint8. depth: (k, r, c) float32 metres, +inf where nothing is in range. empty: (3, r, c)
-    uint8, the reading of an untouched sensor. sensor: the kind that they are of.
-    """
+    """k successful touches of one split: reading (k, 3, r, c) uint8; depth (k, r, c) float32 m, +inf where nothing is
+    in range; empty (3, r, c) uint8, an untouched sensor's reading; the sensor that they are of."""
 
     reading: Tensor
     depth: Tensor
@@ -39,16 +36,12 @@ class TouchReadings(NamedTuple):
         return len(self.reading)
 
     def to(self, device: torch.device) -> "TouchReadings":
-        """The same on a device."""
         return TouchReadings(self.reading.to(device), self.depth.to(device), self.empty.to(device), self.sensor)
 
 
 def read_touches(dataset: Dataset, *splits: str) -> TouchReadings:
-    """The successful touches of some splits whose reading differs from the empty one anywhere.
-
-    dataset: a run's, of the stage `touch`. Raises ExperimentDataError if there are none, StoreError for a store that
-    can't be read or values that can't be.
-    """
+    """The successful touches of some splits whose reading differs from the empty one anywhere. dataset: of stage
+    `touch`. Raises ExperimentDataError if there are none, StoreError for a bad store."""
     chosen = dataset.select(record.name for record in dataset if record.split in splits)
     readings, depths = [], []
     for first in range(0, len(chosen), READ_BATCH):
@@ -57,9 +50,8 @@ def read_touches(dataset: Dataset, *splits: str) -> TouchReadings:
         readings.append(batch.load("touch", "reading")[success])
         depths.append(batch.load("touch", "depth")[success])
     if not sum(map(len, readings)):
-        raise ExperimentDataError(
-            f"{dataset!r}: no object of {' or '.join(splits)} was touched: more objects are needed"
-        )
+        nothing = f"no object of {' or '.join(splits)} was touched"
+        raise ExperimentDataError(f"{dataset!r}: {nothing}: more objects are needed")
     reading, depth = channels_first(np.concatenate(readings)), torch.from_numpy(np.concatenate(depths))
     empty = channels_first(chosen.empty_reading)
     untouched = empty.float() / 255
@@ -73,18 +65,14 @@ def touched(reading: Tensor, empty: Tensor) -> Tensor:
 
 
 def depth_to_points(depth: Tensor, size: Size = DIGIT.size) -> Tensor:
-    """Depths (..., r, c) as points (..., r, c, 3) in the frame of a sensor of a size (height, width), metres: x the
-    depth, y along columns, z along rows."""
+    """Depths (..., r, c) as points (..., r, c, 3) m, in a sensor's frame: y along columns, z along rows."""
     centres = [torch.from_numpy(line).to(depth) for line in map(pixel_centres, depth.shape[-2:], size)]
     z, y = torch.meshgrid(*centres, indexing="ij")
     return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)
 
 
 def masked_clouds(depth: Tensor, mask: Tensor, size: Size) -> list[Tensor]:
-    """The points (n_i, 3) of each depth map (k, r, c) where its mask (k, r, c) is true, as `depth_to_points` has them.
-
-    A distance between clouds does not depend on the frame: they are compared in the sensor's.
-    """
+    """The points (n_i, 3) of each depth map (k, r, c) where its mask (k, r, c) is true, in the frame of its sensor."""
     return [cloud[pixels] for cloud, pixels in zip(depth_to_points(depth, size), mask, strict=True)]
 
 
@@ -92,13 +80,9 @@ def touch_depth_loss(
     predicted: Tensor, valid: Tensor, depth: Tensor, n: int | None, generator: torch.Generator, size: Size = DIGIT.size
 ) -> Tensor:
     """Chamfer distance (B,) between the predicted and the true local cloud of each touch (paper, section 3.2).
-
-    predicted: (B, r, c) metres from the sensor plane. valid: (B, r, c) bool, the pixels whose prediction counts. depth:
-    (B, r, c) true depth, +inf where nothing is in range. n: points of either cloud that look for the nearest of all in
-    the other; None: all. size: of the sensors.
-
-    Raises ValueError if a touch has no valid pixel or nothing in range.
-    """
+    predicted, depth: (B, r, c) m from the sensor plane, true depth +inf where nothing is in range. valid: (B, r, c)
+    bool, the pixels whose prediction counts. n: points of either cloud that look for the nearest in the other; None:
+    all. Raises ValueError if a touch has no valid pixel or nothing in range."""
     in_range = torch.isfinite(depth)
     for what, pixels in (("valid pixel", valid), ("pixel in range", in_range)):
         without = ~pixels.flatten(1).any(dim=1)
@@ -124,21 +108,14 @@ def touch_charts(
     position: np.ndarray,
     rotation: np.ndarray,
 ) -> np.ndarray:
-    """Touch charts (k, 81, 3) float32 of k sensors, from their readings; metres, world frame.
-
-    model: the trained U-Net, in evaluation mode, on any device. reading: (k, r, c, 3) uint8, empty: (r, c, 3) uint8, of
-    the model's sensor. success: (k,) bool; charts of a touch without success are at the sensor's position. position:
-    (k, 3) m, rotation: (k, 3, 3) of the sensors, world frame.
-
-    The same sensors together give the same charts.
-    """
+    """Touch charts (k, 81, 3) float32 of k sensors, from their readings; m, world frame; without success at the sensor.
+    model: in evaluation mode, on any device. reading: (k, r, c, 3) uint8, empty: (r, c, 3) uint8. success: (k,) bool.
+    position: (k, 3) m, rotation: (k, 3, 3), world frame. The same sensors together give the same charts."""
     charts = np.repeat(position[:, None].astype(np.float32), TOUCH_VERTICES, axis=1)
     sensors = np.flatnonzero(success)
     device = next(model.parameters()).device
     for chosen in np.array_split(sensors, -(-len(sensors) // PREDICTION_BATCH)) if len(sensors) else []:
-        depth, valid = predict_depth(
-            model, channels_first(reading[chosen]).to(device), channels_first(empty).to(device)
-        )
+        depth, valid = predict_depth(model, *(channels_first(each).to(device) for each in (reading[chosen], empty)))
         at, turned = (torch.from_numpy(array[chosen]).float() for array in (position, rotation))
         charts[chosen] = fit_direct(depth.cpu(), valid.cpu(), at, turned, model.sensor.size).numpy()
     return charts
@@ -154,10 +131,8 @@ def object_charts(model: TouchDepth, touch: Mapping[str, np.ndarray], row: int) 
 
 @torch.inference_mode()
 def predict_depth(model: TouchDepth, reading: Tensor, empty: Tensor) -> tuple[Tensor, Tensor]:
-    """Depth (k, r, c) metres, and pixels in contact (k, r, c) bool, of readings (k, 3, r, c) uint8.
-
-    For a reading that hardly differs from the empty one, only the pixel that differs most is in contact.
-    """
+    """Depth (k, r, c) m, and pixels in contact (k, r, c) bool, of readings (k, 3, r, c) uint8. Of one that hardly
+    differs from the empty one, only the pixel that differs most is in contact."""
     reading, empty = reading.float() / 255, empty.float() / 255
     valid = touched(reading, empty)
     faint = ~valid.flatten(1).any(dim=1)

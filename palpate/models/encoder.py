@@ -1,22 +1,41 @@
 """Convolutional networks that turn images and touch readings into features."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import nn
 from torch.nn import functional
 
 from palpate.architectures import Encoder
-from palpate.models.layers import ConvolutionBlock
 
 KERNEL = 3
+NORMS: dict[str, Callable[[int], nn.Module]] = {
+    "batch": nn.BatchNorm2d,
+    # A group for each channel. torch's own instance norm is the same, and copies maps on a CPU.
+    "instance": lambda channels: nn.GroupNorm(channels, channels),
+    "none": lambda channels: nn.Identity(),
+}
+
+
+class ConvolutionBlock(nn.Sequential):
+    """A row of the paper's tables: convolution, normalisation (`norm`: batch, instance or none), ReLU. Without
+    normalisation the convolution has a bias, and weights that keep the size of features (He et al. 2015)."""
+
+    def __init__(
+        self, inputs: int, outputs: int, kernel: int = 3, stride: int = 1, padding: int = 0, norm: str = "batch"
+    ):
+        if norm not in NORMS:
+            raise ValueError(f"norm {norm!r}: choose one of {sorted(NORMS)}")
+        convolution = nn.Conv2d(inputs, outputs, kernel, stride, padding, bias=norm == "none")
+        if convolution.bias is not None:
+            nn.init.kaiming_normal_(convolution.weight, nonlinearity="relu")
+            nn.init.zeros_(convolution.bias)
+        super().__init__(convolution, NORMS[norm](outputs), nn.ReLU(inplace=True))
 
 
 class ImageEncoder(nn.Module):
-    """The CNN whose intermediate feature maps are pooled at the vertices (supplement, "Model Architecture").
-
-    options: its layers; the first of a block has stride 2. Padding is 0 in the paper, 1 for single images.
-    """
+    """The CNN whose intermediate feature maps are pooled at the vertices (supplement, "Model Architecture"). options:
+    its layers; the first of a block has stride 2. Padding is 0 in the paper, 1 for single images."""
 
     def __init__(self, options: Encoder):
         super().__init__()
@@ -39,10 +58,8 @@ class ImageEncoder(nn.Module):
         self.channels = [widths[number - 1] for number in pool]
 
     def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
-        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w).
-
-        One image that is expanded to B samples (`Tensor.expand`) is encoded once.
-        """
+        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w). One image that is expanded
+        to B samples (`Tensor.expand`) is encoded once."""
         if len(image) > 1 and image.stride(0) == 0:
             return [features.expand(len(image), -1, -1, -1) for features in self(image[:1])]
         image = image.contiguous()  # Pixel by pixel, torch's norms lose digits.
@@ -70,11 +87,8 @@ class ImageEncoder(nn.Module):
 
 
 class ReadingEncoder(nn.Module):
-    """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1).
-
-    The paper doesn't give its layers. Here: four convolutions (3 x 3, stride 2), the mean over the map, and a linear
-    layer to `features`. Nothing is normalised: how much of a reading differs from the empty one is its content.
-    """
+    """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1). The paper doesn't
+    give its layers. Nothing is normalised: how much a reading differs from the empty one is its content."""
 
     def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64)):
         super().__init__()

@@ -11,16 +11,11 @@ from torch.autograd.function import once_differentiable
 from palpate.architectures import GCN
 from palpate.charts.graph import Graph
 
-INITS = ("paper", "he")
-
 
 class ZeroNeighbour(torch.autograd.Function):
-    """relu(A(X W + P) + b), where A sums the first `shared` channels over neighbourhoods, in few passes.
-
-    P, or None, are the products of other inputs with their weights. One matrix product with the bias or P in it, then
-    the shared channels and the ReLU in place: the plain layer (tests/models/test_gcn.py), faster
-    (docs/evidence/models.md).
-    """
+    """relu(A(X W + P) + b), where A sums the first `shared` channels over neighbourhoods, in few passes. P, or None,
+    are the products of other inputs with their weights. One matrix product with the bias or P in it, then the shared
+    channels and the ReLU in place: the plain layer (tests/models/test_gcn.py), faster (docs/evidence/models.md)."""
 
     @staticmethod
     def forward(
@@ -53,7 +48,6 @@ class ZeroNeighbour(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-        """The gradients of x, weight, bias and products."""
         x, weight, y = ctx.saved_tensors
         # A copy either way: what comes in must not be changed in place.
         through = torch.ops.aten.leaky_relu_backward
@@ -70,11 +64,8 @@ class ZeroNeighbour(torch.autograd.Function):
 
 @torch.no_grad()
 def initialise(weight: Tensor, init: str, scale: float = 1.0, fan_in: int | None = None) -> None:
-    """Fill weights (inputs, outputs) with random numbers, times `scale`.
-
-    init: `he`, normal of variance 2 / fan_in; `paper`, the published code's uniform numbers. fan_in: the number of
-    inputs that are summed; the weights' rows if None. Raises ValueError for another init.
-    """
+    """Fill weights (inputs, outputs) with random numbers, times `scale`. init: `he`, normal of variance 2 / fan_in, or
+    `paper`, the published code's uniform ones; ValueError for others. fan_in: inputs; None: all rows."""
     inputs = fan_in or len(weight)
     if init == "he":
         weight.normal_(std=math.sqrt(2 / inputs))
@@ -82,17 +73,14 @@ def initialise(weight: Tensor, init: str, scale: float = 1.0, fan_in: int | None
         bound = 1.8 / math.sqrt(inputs + 1)
         weight.uniform_(-bound, bound)
     else:
-        raise ValueError(f"init {init!r}: choose one of {list(INITS)}")
+        raise ValueError(f"init {init!r}: choose one of paper, he")
     weight.mul_(scale)
 
 
 class ZeroNeighbourLayer(nn.Module):
-    """X W; the first third of the output channels, or all, summed over the neighbourhood; bias; ReLU.
-
-    The graph operation is `Graph.aggregate`. It works on `outputs // 3` channels only, the others pass (the published
-    code; a zero-neighbour layer is GEOMetrics'). The last layer of a network has relu False, and sums `shared` of its
-    channels, the coordinates (the published code: all 3; its first release: 1). slope: of the ReLU below 0.
-    """
+    """X W; the first third of the output channels, or all, summed over the neighbourhood; bias; ReLU (the published
+    code; GEOMetrics). The last layer of a network has relu False, and sums `shared` of its channels, the coordinates
+    (the published code: all 3; its first release: 1). slope: of the ReLU below 0."""
 
     def __init__(self, inputs: int, outputs: int, relu: bool = True, shared: int = 3, slope: float = 0.0):
         super().__init__()
@@ -109,10 +97,7 @@ class ZeroNeighbourLayer(nn.Module):
             self.bias.zero_() if init == "he" else self.bias.uniform_(-0.1, 0.1)
 
     def forward(self, x: Tensor, graph: Graph, products: Tensor | None = None) -> Tensor:
-        """(V, B, inputs) -> (V, B, outputs).
-
-        products: (V, B, outputs) of further inputs with their weights, added before the neighbourhoods are summed.
-        """
+        """(V, B, inputs) -> (V, B, outputs). products: (V, B, outputs) of further inputs with their weights."""
         tensors = [x, self.weight, self.bias, products]
         device = x.device.type
         if torch.is_autocast_enabled(device):
@@ -122,13 +107,9 @@ class ZeroNeighbourLayer(nn.Module):
 
 
 class GraphNetwork(nn.Module):
-    """The zero-neighbour layers that `options` has; the last gives the 3 coordinates of a residual.
-
-    init, last_layer_scale: see `initialise`; the scale is the last layer's weights'. fan_in: the number of inputs of
-    the first layer, where it takes products of further inputs.
-
-    Attribute: outputs, of the first layer.
-    """
+    """The zero-neighbour layers that `options` has; the last gives the 3 coordinates of a residual. init: see
+    `initialise`. last_layer_scale: of its weights. fan_in: inputs of the first layer, with those that come as products.
+    outputs: of the first layer."""
 
     def __init__(
         self, inputs: int, options: GCN, init: str = "he", last_layer_scale: float = 0.01, fan_in: int | None = None

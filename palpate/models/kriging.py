@@ -1,8 +1,6 @@
 """The correction of predictions at touched points: residuals there, interpolated by kriging (Gaussian processes).
-
 The residual of a prediction is a Gaussian process of zero mean. Its covariance at distance r (m) is exp(-r / length),
-in units of its variance. Its values at touched points are known but for noise, whose variance has the same unit.
-"""
+in units of its variance. Its values at touched points are known but for noise, whose variance has the same unit."""
 
 from collections.abc import Mapping
 
@@ -21,11 +19,7 @@ BLOCK = 1 << 14  # queries at a time: 23 MB with the touched points of five gras
 
 class Kriging:
     """A residual known at some points, interpolated: `kriging(queries)` is its posterior mean (m, d) at (m, 3), metres.
-
-    points: (n, 3) metres; any may coincide, and n may be 0. values: (n, d) of the residual there.
-    correction: the kernel's length, and the variance of the values' noise. Differentiable in points, values and
-    queries; computed in float64.
-    """
+    points: (n, 3) metres, n may be 0. values: (n, d) there. Differentiable in all; computed in float64."""
 
     def __init__(self, points: Tensor, values: Tensor, correction: Correction):
         self.points, self.length = points.double(), correction.length
@@ -59,13 +53,9 @@ def touched_points(batch: Mapping[str, Tensor]) -> list[Tensor]:
 
 
 def displaced(vertices: Tensor, faces: Tensor | None, touched: Tensor, correction: Correction) -> Tensor:
-    """A predicted mesh's vertices (V, 3), metres, moved so that its surface meets touched points (n, 3).
-
-    The surface point that is nearest to a touched one is displaced to it; all vertices are displaced by `Kriging` of
-    these displacements. faces: (F, 3), or None for a cloud. The search for the nearest has no gradient, which goes
-    through that point's barycentric coordinates. Without touched points, or where a vertex is not finite, the vertices
-    are returned as they are.
-    """
+    """A predicted mesh's vertices (V, 3), m, moved by `Kriging` so that its surface meets touched points (n, 3): the
+    nearest point of the surface to each is displaced to it. faces: (F, 3), or None for a cloud. The search has no
+    gradient, which goes through barycentric coordinates. Without touched points, or if not finite, nothing moves."""
     if not len(touched) or not torch.isfinite(vertices).all():
         return vertices
     touched = touched.to(vertices.dtype)

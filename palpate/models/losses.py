@@ -16,9 +16,7 @@ from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.protocol import CHAMFER_SCALE
 
 GRID = 32  # cells along an edge of the grid of voxels
-# Of the grid's edge, m: no side of an object's box is longer than its diagonal.
-GRID_EDGE = DIAGONAL
-CELL = GRID_EDGE / GRID
+CELL = DIAGONAL / GRID  # m: no side of an object's box is longer than its diagonal
 
 
 class Truth:
@@ -28,16 +26,12 @@ class Truth:
         self.points = points
         self._tree = cache(lambda number: build_tree(self.points[number]))
         self._occupied = cache(lambda number, size: occupied(self.points[number], size))
-        self._normals = cache(self._plane_normals)
 
-    def _plane_normals(self, number: int) -> Tensor:
-        points = self.points[number]
-        cloud = points.detach().cpu().double().numpy()
-        return torch.from_numpy(plane_normals(cloud, self._tree(number))).to(points)
+        def normals(number: int) -> Tensor:
+            tree = self._tree(number)
+            return torch.from_numpy(plane_normals(tree.data, tree)).to(points)
 
-    def clouds(self, objects: Sequence[int]) -> list[Tensor]:
-        """The clouds of the numbered objects."""
-        return [self.points[number] for number in objects]
+        self._normals = cache(normals)
 
     def trees(self, objects: Sequence[int]) -> list[cKDTree] | None:
         """Their trees; None on a GPU, where neighbours are found without."""
@@ -53,11 +47,8 @@ class Truth:
 
 
 class Target(NamedTuple):
-    """What the predictions of a step are compared with.
-
-    truth: of all objects. objects: B numbers in it. n: points that are sampled on each prediction, and taken of the
-    true ones. generator: of the random choices.
-    """
+    """What the predictions of a step are compared with: B numbers of `objects` in `truth`. n: points that are sampled
+    on each prediction, and taken of the true ones."""
 
     truth: Truth
     objects: Sequence[int]
@@ -66,11 +57,8 @@ class Target(NamedTuple):
 
 
 def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
-    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose.
-
-    As the published voxels, cells are occupied that the surface passes, and those within it. relative_size: of the grid
-    to the cube of `GRID_EDGE`.
-    """
+    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose, as the published
+    voxels. relative_size: of the grid to a cube with the edge `DIAGONAL`."""
     cell = CELL * relative_size
     index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / cell + GRID / 2).floor().long()
     shell = np.zeros((GRID, GRID, GRID), dtype=bool)
@@ -79,22 +67,16 @@ def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
 
 
 def reconstruction_loss(vertices: Tensor, faces: Tensor, target: Target) -> Tensor:
-    """Chamfer distance (B,) of each predicted mesh to its object (paper, equation 2), differentiable in the vertices.
-
-    vertices: (B, V, 3) metres, faces: (F, 3).
-    """
+    """Chamfer distance (B,) of predicted meshes, (B, V, 3) m and (F, 3), to their objects (paper, equation 2)."""
     points = sample_faces(vertices.to(target.truth.points.dtype), faces, target.n, target.generator)
     return cloud_loss(points, target)
 
 
 def cloud_loss(points: Tensor, target: Target) -> Tensor:
-    """Chamfer distance (B,) of predicted points (B, m, 3) to their objects.
-
-    Each of them looks for the nearest of all true points, each of those that are taken of the true ones for the
-    nearest predicted one.
-    """
+    """Chamfer distance (B,) of predicted points (B, m, 3) to their objects. Each of them looks for the nearest of all
+    true points, each of those that are taken of the true ones for the nearest predicted one."""
     truth, objects, n, generator = target
-    points, clouds = points.to(truth.points.dtype), truth.clouds(objects)
+    points, clouds = points.to(truth.points.dtype), [truth.points[number] for number in objects]
     there = one_sided_distance(points, clouds, truth.trees(objects))
     back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], points)
     return CHAMFER_SCALE * (there + back)

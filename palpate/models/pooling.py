@@ -1,7 +1,8 @@
 """Perceptual feature pooling: the image's feature maps at the projection of each vertex."""
 
+import itertools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,11 +22,9 @@ def relative_camera(camera: Tensor, size: int) -> Tensor:
 
 
 class BilinearSum(torch.autograd.Function):
-    """Weighted sums of rows: y_v = sum_k weight_vk table[row_vk], for bilinear interpolation in several maps at once.
-
-    table (R, C), row (n, k) int64, weight (n, k) -> (n, C). The gradient of the table is the transposed sum, with
-    its terms sorted by row: on a CPU many times faster than to scatter them.
-    """
+    """Weighted sums of rows, for bilinear interpolation in several maps at once: table (R, C), row (n, k) int64, weight
+    (n, k) -> (n, C). The gradient of the table is the transposed sum, with its terms sorted by row: on a CPU many times
+    faster than to scatter them."""
 
     @staticmethod
     def forward(ctx: Any, table: Tensor, row: Tensor, weight: Tensor) -> Tensor:
@@ -39,7 +38,14 @@ class BilinearSum(torch.autograd.Function):
         gradient = gradient.contiguous()
         grad_table = grad_weight = None
         if ctx.needs_input_grad[0]:
-            order, start = _by_row(row.flatten(), len(table))
+            cells = row.flatten()
+            if cells.device.type == "cpu":  # numpy sorts 16-bit numbers by radix, five times as fast as torch here
+                small = cells.numpy().astype(np.min_scalar_type(len(table)))
+                order = torch.from_numpy(np.argsort(small, kind="stable"))
+            else:
+                order = cells.argsort()
+            count = torch.bincount(cells, minlength=len(table))
+            start = torch.cat([count.new_zeros(1), count.cumsum(0)])  # of each row in that order, and the end
             grad_table = functional.embedding_bag(
                 order // row.shape[1],
                 gradient,
@@ -59,52 +65,23 @@ class BilinearSum(torch.autograd.Function):
         return grad_table, None, grad_weight
 
 
-def _by_row(row: Tensor, rows: int) -> tuple[Tensor, Tensor]:
-    """The order (n,) that sorts rows (n,), and where each of the `rows` begins in it, and the end: (rows + 1,)."""
-    if row.device.type == "cpu":  # numpy sorts 16-bit numbers by radix, five times as fast as torch here
-        order = torch.from_numpy(np.argsort(row.numpy().astype(np.min_scalar_type(rows)), kind="stable"))
-    else:
-        order = row.argsort()
-    count = torch.bincount(row, minlength=rows)
-    return order, torch.cat([count.new_zeros(1), count.cumsum(0)])
-
-
-class ImageProducts(NamedTuple):
-    """Feature maps times weights, cell by cell (`map_products`).
-
-    Attributes:
-        rows: (B * cells, width), the cells of all maps of a sample together, each map row by row.
-        edges: cells along the side of each map.
-    """
-
-    rows: Tensor
-    edges: tuple[int, ...]
-
-
-def map_products(maps: Sequence[Tensor], weight: Tensor) -> ImageProducts:
-    """The product of maps, each (B, C_k, h_k, h_k), with weights (sum of C_k, width) in the order of the maps.
-
-    Pooling is linear in the maps, so that pooled features times weights are the pooled products of maps and weights.
-    A map has fewer cells than a mesh has vertices in three deformations, and the products fewer channels.
-    """
+def map_products(maps: Sequence[Tensor], weight: Tensor) -> tuple[Tensor, list[int]]:
+    """The product of maps, each (B, C_k, h_k, h_k), with weights (sum of C_k, width) in the order of the maps: of a
+    sample's maps all cells, row by row, (B * cells, width); and the maps' edges h_k. Pooling is linear in the maps:
+    pooled features times weights are the pooled products. These have fewer cells, and fewer channels."""
     parts = weight.split([features.shape[1] for features in maps])
     rows = [
         features.flatten(2).transpose(1, 2) @ part.to(features.dtype)
         for features, part in zip(maps, parts, strict=True)
     ]
-    return ImageProducts(torch.cat(rows, dim=1).flatten(0, 1), tuple(features.shape[-1] for features in maps))
+    return torch.cat(rows, dim=1).flatten(0, 1), [features.shape[-1] for features in maps]
 
 
 def pool(maps: Sequence[Tensor], positions: Tensor, camera: Tensor) -> Tensor:
-    """The features of each map at each vertex, by bilinear interpolation: (V, B, sum of the maps' channels).
-
-    A map covers the image from edge to edge, its cells being equal squares (supplement, "Chart Feature ...": "the
-    location of this projection ... corresponds exactly to a position in each feature map"). Without padding cells see
-    further in. Positions outside the map take the value at its edge.
-
-    maps: each (B, C, h, h). positions: (V, B, 3) in the world, metres. camera: (3, 4) or (B, 3, 4), from the world to
-    homogeneous coordinates in [-1, 1] over the image (`relative_camera`).
-    """
+    """The features of each map (B, C, h, h) at each vertex, by bilinear interpolation: (V, B, sum of C).
+    A map covers the image from edge to edge, its cells being equal squares (supplement: its projection "corresponds
+    exactly to a position in each feature map"). Positions outside take the value at its edge. positions: (V, B, 3) m,
+    world. camera: (3, 4) or (B, 3, 4), from the world to [-1, 1] over the image (`relative_camera`)."""
     place = _project(positions, camera)
     pooled = []
     for features in maps:
@@ -115,17 +92,13 @@ def pool(maps: Sequence[Tensor], positions: Tensor, camera: Tensor) -> Tensor:
     return torch.cat(pooled, dim=2)
 
 
-def pool_products(products: ImageProducts, positions: Tensor, camera: Tensor) -> Tensor:
+def pool_products(table: Tensor, edges: Sequence[int], positions: Tensor, camera: Tensor) -> Tensor:
     """Pooled features times weights (V, B, width), from maps times weights; the rest as in `pool`."""
-    place = _project(positions, camera)
-    rows, weights, first = [], [], 0
-    for edge in products.edges:
-        row, weight = _cells(place, edge)
-        rows.append(row + first)
-        weights.append(weight)
-        first += edge**2
-    row = torch.cat(rows, dim=2) + first * torch.arange(positions.shape[1], device=positions.device)[:, None]
-    return _bilinear_sum(products.rows, row, torch.cat(weights, dim=2))
+    place, first = _project(positions, camera), [0, *itertools.accumulate(edge**2 for edge in edges)]
+    rows, weights = zip(*(_cells(place, edge) for edge in edges), strict=True)
+    row = torch.cat([row + start for row, start in zip(rows, first, strict=False)], dim=2)
+    row = row + first[-1] * torch.arange(positions.shape[1], device=positions.device)[:, None]
+    return _bilinear_sum(table, row, torch.cat(weights, dim=2))
 
 
 def _cells(place: Tensor, edge: int) -> tuple[Tensor, Tensor]:

@@ -1,8 +1,6 @@
 """The reconstruction network: charts deformed several times by features of the image and of the touches.
-
-Only what an experiment takes is built: no image encoder without vision, no reading encoder but for strategy
-`sphere`, and touch charts in the graph only for the paper's `charts` and `no_copy`.
-"""
+Only what an experiment takes is built: no image encoder without vision, no reading encoder but for strategy `sphere`,
+and touch charts in the graph only for the paper's `charts` and `no_copy`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import cast
@@ -14,12 +12,11 @@ from palpate.architectures import Architecture, required
 from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, resized, sphere, vision_atlas
 from palpate.charts.graph import Graph, Kind
 from palpate.charts.sample import sample_faces
-from palpate.experiments import Correction, Experiment
+from palpate.experiments import Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.kriging import displaced, touched_points
-from palpate.models.layers import LinearBlock
 from palpate.models.losses import Target, reconstruction_loss
 from palpate.models.pooling import map_products, pool, pool_products, relative_camera
 from palpate.models.templates import Templates, smoothed
@@ -40,26 +37,14 @@ Batch = Mapping[str, Tensor]
 
 class Reconstruction(nn.Module):
     """From an image, touches, or both, to the vertices of a mesh (paper, section 3 and supplement).
-
-    Args:
-        experiment: what the model takes, and its strategy (`palpate.strategies`).
-        architecture: layers and options, see `palpate.architectures`.
-        hand_sensors: s, touches a grasp: the hand's. sensor: the kind that they are of.
-        templates: of training objects, of a strategy that begins with them.
-
-    Attributes:
-        faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives: vision charts, then touch charts; where
-            these are copied, those without success have no area. moving_faces: (M, 3), of charts that move.
-        sensors: largest number of touches, s times the grasps, or 0.
-        touch_input: how touches reach the vertices: in the `graph`, `pooled`, as `readings`, or None.
-        copies_touch: whether touch charts are added to the mesh as they are.
-
+    hand_sensors: s, touches a grasp. sensor: the kind that they are of. templates: of training objects, if the strategy
+    begins with them. faces: (F, 3) int64 of the mesh whose vertices `forward` gives: vision charts, then touch charts,
+    without area where these are copied without success. moving_faces: (M, 3), of charts that move. sensors: the most
+    touches. touch_input: how they reach the vertices. copies_touch: whether their charts are in the mesh as they are.
     With a `correction` the vision charts are bent to the touched points as the last step (`palpate.models.kriging`).
     With `fewer_grasps` a batch may have the touches of any number of grasps up to the experiment's, or of none.
-
     Raises ValueError for a combination that can't be: neither vision nor touch, no touch where the strategy is about
-    touch charts, no vision for `no_comm`.
-    """
+    touch charts, no vision for `no_comm`."""
 
     # The first layer's weights of inputs that not every model has.
     INPUT_WEIGHTS = ("image_weight", "reading_weight")
@@ -80,8 +65,20 @@ class Reconstruction(nn.Module):
         templates: Templates | None = None,
     ):
         super().__init__()
-        _check_experiment(experiment)
-        plan, gcn = experiment.plan, required(architecture.gcn, "gcn")
+        strategy, plan, vision, touch = experiment.strategy, experiment.plan, experiment.has_vision, experiment.touch
+        if plan.start is None:
+            raise ValueError(f"strategy {strategy!r} deforms no charts: it has another network")
+        if not (vision or touch):
+            raise ValueError("a model needs vision, touch, or both")
+        if plan.needs_touch and not touch:
+            raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
+        if plan.needs_vision and not vision:
+            raise ValueError(f"strategy {strategy} without vision would deform the vision charts without any input")
+        if experiment.correction and not experiment.takes_charts:
+            raise ValueError(f"strategy {strategy} has no touch charts to correct by")
+        if experiment.grasps < 1:
+            raise ValueError(f"{experiment.grasps} grasps: at least 1")
+        gcn = required(architecture.gcn, "gcn")
         if (templates is not None) != (plan.start == "templates"):
             raise ValueError("templates are for strategy template, which needs them")
         self.templates = templates
@@ -104,9 +101,14 @@ class Reconstruction(nn.Module):
         moving = chart_faces(0) if plan.keeps_touch and architecture.failed_charts == "fixed" else self.graph.faces
         self.register_buffer("moving_faces", moving.clone(), persistent=False)
 
-        image_features = self._build_encoder() if experiment.has_vision else 0
         vertex_features = 3 + (self.graph.touch_charts > 0)
-        reading_features = 0
+        image_features = reading_features = 0
+        if experiment.has_vision:
+            options = required(architecture.encoder, "encoder")
+            self.encoder = ImageEncoder(options)
+            image_features, width = sum(self.encoder.channels), options.project
+            self.project = nn.Sequential(nn.Linear(image_features, width), nn.ReLU()) if width else None
+            image_features = width or image_features
         if self.touch_input == "readings":
             self.reading_encoder = ReadingEncoder()
             reading_features = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
@@ -125,26 +127,17 @@ class Reconstruction(nn.Module):
             # (docs/evidence/training.md).
             self.touch_attention = None if experiment.has_vision else TouchAttention(width)
 
-    def _build_encoder(self) -> int:
-        """Builds the image encoder; returns the number of features that a vertex gets."""
-        options = required(self.architecture.encoder, "encoder")
-        self.encoder = ImageEncoder(options)
-        features = sum(self.encoder.channels)
-        self.project = LinearBlock(features, options.project) if options.project else None
-        return options.project or features
-
     @property
-    def graph(self) -> Graph:
-        """The graph with the touch charts of all grasps."""
+    def graph(self) -> Graph:  # the graph with the touch charts of all grasps
         return cast(Graph, self.graphs[-1])
 
     @property
-    def shows_touch(self) -> bool:
-        """Whether the mesh has touch charts, copied or deformed."""
+    def shows_touch(self) -> bool:  # whether the mesh has touch charts, copied or deformed
         return self.copies_touch or self.graph.touch_charts > 0
 
-    def forward(self, batch: Batch) -> Tensor:
-        """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
+    def forward(self, batch: Batch, finished: bool = True) -> Tensor:
+        """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`. finished: also
+        smoothed and corrected, the steps after the network.
 
         batch, of what the experiment uses (all but the image in the world frame, metres). T is s x grasps; touches
         that are pooled, or with `fewer_grasps`, may be of fewer grasps, whose mesh then has no charts of the others:
@@ -160,20 +153,19 @@ class Reconstruction(nn.Module):
         | `reading` | (B, T, 3, r, c) in [0, 1] | touch, `sphere` |
         | `mask`, `hand` | (B, S, S) bool, the object and, where occluded, the hand | vision, `template` |
         | `camera_number` | (B,) int64 | vision, `template` |
-        | `start` | (1824, B, 3), what `start_of` gives, if it is known | `template` |
+        | `start` | (1824, B, 3), what `templates` gives, if it is known | `template` |
 
-        Raises ValueError if a key is missing, of another shape or type.
-        """
-        return self._vertices(batch, True)
-
-    def _vertices(self, batch: Batch, finished: bool) -> Tensor:
-        """What the network predicts; `finished`: with the steps after it, smoothing and correction."""
+        Raises ValueError if a key is missing, of another shape or type."""
         positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
         positions = self.deform(batch, positions, mask, fixed)
         if finished and self.templates is not None:
             positions = smoothed(positions)
         if finished and self.experiment.correction and self.experiment.touch:
-            positions = self._corrected(batch, positions, self.experiment.correction)
+            count, correction = len(self.start), self.experiment.correction
+            faces = _below(self.moving_faces, count)
+            samples = zip(positions[:count].unbind(1), touched_points(batch), strict=True)
+            bent = [displaced(vertices, faces, touched, correction) for vertices, touched in samples]
+            positions = torch.cat([torch.stack(bent, dim=1), positions[count:]])
         if self.copies_touch:
             positions = torch.cat([positions, self._touch_charts(batch)[0]])
         return positions.transpose(0, 1).contiguous()
@@ -183,7 +175,7 @@ class Reconstruction(nn.Module):
         fixed (V, B, 1), or None if all move."""
         positions = self.start[:, None].expand(-1, samples, -1)
         if self.templates is not None:
-            positions = batch["start"] if "start" in batch else self.start_of(batch)
+            positions = batch["start"] if "start" in batch else self.templates(batch)
         if self.touch_input != "graph":
             return positions, None, None
         charts, success = self._touch_charts(batch)
@@ -194,12 +186,6 @@ class Reconstruction(nn.Module):
             stays = torch.ones_like(success) if self.architecture.failed_charts == "fixed" else success
             fixed = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
         return torch.cat([positions, charts]), mask, fixed
-
-    def start_of(self, batch: Batch) -> Tensor:
-        """What the templates give for a batch: vertices (1824, B, 3) m. Raises ValueError for a model without."""
-        if self.templates is None:
-            raise ValueError(f"strategy {self.experiment.strategy} has no templates to begin with")
-        return self.templates(batch)
 
     def deform(self, batch: Batch, positions: Tensor, mask: Tensor | None, fixed: Tensor | None) -> Tensor:
         """Vertices (V, B, 3) after all deformations, from what `_initial` gives."""
@@ -214,23 +200,13 @@ class Reconstruction(nn.Module):
             positions = moved if fixed is None else torch.where(fixed, positions, moved)
         return positions
 
-    def _corrected(self, batch: Batch, positions: Tensor, correction: Correction) -> Tensor:
-        """Vertices (V, B, 3) with the vision charts bent to the touched points."""
-        count = len(self.start)
-        faces = _below(self.moving_faces, count)
-        samples = zip(positions[:count].unbind(1), touched_points(batch), strict=True)
-        bent = [displaced(vertices, faces, touched, correction) for vertices, touched in samples]
-        return torch.cat([torch.stack(bent, dim=1), positions[count:]])
-
     def stages(self, batch: Batch) -> list[Tensor]:
         """What the loss of a training step looks at: what the network predicts, neither smoothed nor corrected."""
-        return [self._vertices(batch, False)]
+        return [self(batch, finished=False)]
 
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
-        """`reconstruction_loss` (B,) of the charts that move.
-
-        The others give no gradient, and would at the start be the nearest to up to half of the true points.
-        """
+        """`reconstruction_loss` (B,) of the charts that move. The others give no gradient, and would at the start be
+        the nearest to up to half of the true points."""
         vertices = stages[-1]
         faces = _below(self.moving_faces, vertices.shape[1])
         return reconstruction_loss(vertices, faces, target)
@@ -248,23 +224,25 @@ class Reconstruction(nn.Module):
         return (positions - self.centre.to(positions.dtype)) / self.scale
 
     def input_products(self, batch: Batch, vertices: int) -> list[Products]:
-        """What so many vertices get besides their own positions."""
-        inputs = [self._image_products(batch)] if self.experiment.has_vision else []
+        """What so many vertices get besides their own positions: of the image, and of the readings or the touches."""
+        inputs: list[Products] = []
+        if self.experiment.has_vision:
+            camera = relative_camera(batch["camera"].to(batch["image"].dtype), batch["image"].shape[-1])
+            maps, project = self.encoder(batch["image"]), self.project
+            if project:
+                inputs.append(lambda positions, _: project(pool(maps, positions, camera)) @ self.image_weight)
+            else:
+                products = map_products(maps, self.image_weight)
+                inputs.append(lambda positions, _: pool_products(*products, positions, camera))
         if self.touch_input == "readings":
             inputs.append(self.reading_products(batch, vertices))
         elif self.touch_input == "pooled":
-            inputs.append(self._touch_products(batch))
+            touches = touches_of(batch)
+            inputs.append(lambda positions, _: self.touch_pooling(touches, positions))
+            if attention := self.touch_attention:
+                attended = attention.keys_and_values(batch, self._relative)
+                inputs.append(lambda _, relative: attention(*attended, relative))
         return inputs
-
-    def _image_products(self, batch: Batch) -> Products:
-        """The image's features at the vertices."""
-        image = batch["image"]
-        camera = relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
-        maps = self.encoder(image)
-        if project := self.project:
-            return lambda positions, _: project(pool(maps, positions, camera)) @ self.image_weight
-        products = map_products(maps, self.image_weight)
-        return lambda positions, _: pool_products(products, positions, camera)
 
     def reading_products(self, batch: Batch, vertices: int) -> Products:
         """The features of all touches at every vertex: of the reading, the sensor's position, rotation, and success."""
@@ -274,14 +252,6 @@ class Reconstruction(nn.Module):
         features = torch.cat([shown, position, batch["rotation"].flatten(2), success], dim=2)
         products = (features.flatten(1) @ self.reading_weight).expand(vertices, -1, -1)
         return lambda positions, relative: products
-
-    def _touch_products(self, batch: Batch) -> Products:
-        """The features of the nearest touches, and of all touches where there is no image."""
-        touches, attention = touches_of(batch), self.touch_attention
-        if not attention:
-            return lambda positions, _: self.touch_pooling(touches, positions)
-        attended = attention.keys_and_values(batch, self._relative)
-        return lambda positions, relative: self.touch_pooling(touches, positions) + attention(*attended, relative)
 
     def _touch_charts(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Touch charts (81 T, B, 3), those without success all at the sensor; success (81 T, B, 1)."""
@@ -314,8 +284,7 @@ class Reconstruction(nn.Module):
     def _check_shapes(self, batch: Batch) -> int:
         """Number of samples in the batch; ValueError if something is missing or of another shape."""
         shapes = self._shapes(batch)
-        missing = [key for key in shapes if batch.get(key) is None]
-        if missing:
+        if missing := [key for key in shapes if batch.get(key) is None]:
             raise ValueError(
                 f"the batch has no {', '.join(missing)}: this model has strategy {self.experiment.strategy}, "
                 f"vision {self.experiment.has_vision}, touch {self.experiment.touch}"
@@ -340,19 +309,3 @@ class Reconstruction(nn.Module):
 def _below(faces: Tensor, vertices: int) -> Tensor:
     """The faces of the first vertices: without touch charts that a sample with fewer grasps does not have."""
     return faces[(faces < vertices).all(dim=1)]
-
-
-def _check_experiment(experiment: Experiment) -> None:
-    strategy, plan, vision, touch = experiment.strategy, experiment.plan, experiment.has_vision, experiment.touch
-    if plan.start is None:
-        raise ValueError(f"strategy {strategy!r} deforms no charts: it has another network")
-    if not (vision or touch):
-        raise ValueError("a model needs vision, touch, or both")
-    if plan.needs_touch and not touch:
-        raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
-    if plan.needs_vision and not vision:
-        raise ValueError(f"strategy {strategy} without vision would deform the vision charts without any input")
-    if experiment.correction and not experiment.takes_charts:
-        raise ValueError(f"strategy {strategy} has no touch charts to correct by")
-    if experiment.grasps < 1:
-        raise ValueError(f"{experiment.grasps} grasps: at least 1")

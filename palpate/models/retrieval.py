@@ -1,8 +1,5 @@
-"""Retrieval: the training object that fits best, as the prediction. Nothing is trained.
-
-That it rivals trained networks is known (Tatarchenko et al. 2019, "What do single-view 3D reconstruction networks
-learn?"): it says how alike objects are.
-"""
+"""Retrieval: the training object that fits best, as the prediction. Nothing is trained. That it rivals trained networks
+is known (Tatarchenko et al. 2019, "What do single-view 3D reconstruction networks learn?")."""
 
 from collections.abc import Mapping
 from functools import cache, cached_property
@@ -25,13 +22,9 @@ EXCLUDED = -1e6  # the fit of an object that is not to be taken. It is finite: t
 
 
 class Retrieval:
-    """The object of a collection that fits a sample best; ties go to the first.
-
-    A fit is the intersection over union of the silhouettes, less TOUCH_WEIGHT times the mean squared distance of the
-    touched points to the object, each capped. Where nothing was seen or touched that term is 0.
-
-    correction: the last step, or None. sensor: that touches are of; their number is free.
-    """
+    """The object of a collection that fits a sample best; ties go to the first. A fit is the intersection over union of
+    the silhouettes, less TOUCH_WEIGHT times the mean squared distance of the touched points to the object, each capped.
+    What was not seen or touched counts 0. correction: the last step, or None."""
 
     hand_sensors = None
 
@@ -39,11 +32,9 @@ class Retrieval:
         self.objects, self.correction, self.sensor = objects, correction, sensor
 
     def __call__(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """The points (B, n, 3) m of the objects that fit best, corrected at touched points.
-
-        batch, of what there is: `mask` and `hand`, (B, p, p) bool, where the object and the hand are seen, and
-        `camera_number` (B,) int64; `success` (B, t) and `charts` (B, t, 81, 3) m.
-        """
+        """The points (B, n, 3) m of the objects that fit best, corrected at touched points. batch, of what there is:
+        `mask` and `hand`, (B, p, p) bool, where the object and the hand are seen, and `camera_number` (B,) int64;
+        `success` (B, t) and `charts` (B, t, 81, 3) m."""
         fitting = self.objects.points[self.objects.best(batch)[0][:, 0]]
         if not self.correction or "charts" not in batch:
             return fitting
@@ -51,13 +42,11 @@ class Retrieval:
         return torch.stack([displaced(points, None, touched, self.correction) for points, touched in samples])
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        """The points, and no faces."""
         return prediction, torch.empty(0, 3, dtype=torch.int64)
 
 
 class Objects:
-    """The objects that are retrieved: points (T, n, 3) m on their surfaces, and masks (T, k, p, p) bool, as k cameras
-    see them, or None."""
+    """Objects to retrieve: points (T, n, 3) m, and masks (T, k, p, p) bool as k cameras see them, or None."""
 
     def __init__(self, points: Tensor, masks: Tensor | None = None):
         self.points = points
@@ -68,10 +57,8 @@ class Objects:
             self._areas = self._masks.sum(dim=1)
 
     def best(self, batch: Mapping[str, Tensor], count: int = 1) -> tuple[Tensor, Tensor]:
-        """The `count` objects (B, count) int64 that fit best, the best first, and their fits (B, count) float64.
-
-        batch: as `Retrieval` takes it; with `excluded` (B,) int64, the number of an object that comes last, or -1.
-        """
+        """The `count` objects (B, count) int64 that fit best, the best first, and their fits (B, count) float64. batch:
+        as `Retrieval` takes it; with `excluded` (B,) int64, the number of an object that comes last, or -1."""
         samples = len(next(iter(batch.values())))
         overlap = self.overlap(batch) if "mask" in batch else torch.zeros(samples, len(self.points))
         for row, number in enumerate(batch.get("excluded", ())):
@@ -83,11 +70,9 @@ class Objects:
         return torch.tensor(numbers), torch.tensor(fits, dtype=torch.float64)
 
     def _best(self, overlap: np.ndarray, touched: Tensor, count: int) -> list[tuple[float, int]]:
-        """The best fits with their objects, by the objects' overlap (T,) and the touched points (n, 3).
-
-        Objects come in the order of what their fit can be at most, until none can be better. An object's distances are
-        measured part by part of the points, until its fit can't be better.
-        """
+        """The best fits with their objects, by the objects' overlap (T,) and the touched points (n, 3). Objects come in
+        the order of what their fit can be at most, and are measured part by part of the points, until none can be
+        better."""
         places = touched.double().numpy()
         least = self.least_squares(places) if len(places) else np.zeros((len(overlap), 1))
         most = overlap - TOUCH_WEIGHT * least.mean(axis=1)
@@ -106,8 +91,7 @@ class Objects:
         return best
 
     def overlap(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """The intersection over union (B, T) of the samples' silhouettes with the objects' by the same camera, outside
-        the hand."""
+        """The intersection over union (B, T) of the samples' silhouettes with the objects', outside the hand."""
         seen, overlap = batch["mask"].flatten(1).float(), torch.empty(len(batch["mask"]), len(self.points))
         for number in batch["camera_number"].unique():
             of_camera = batch["camera_number"] == number

@@ -1,14 +1,7 @@
 """Published networks from a single image to a shape, to compare with: a point set, a deformed sphere, voxels.
-
-| strategy | published as | here |
-|---|---|---|
-| `psg` | PSG: Fan et al. 2017, "A Point Set Generation Network" | `PointSet` |
-| `pixel2mesh` | Pixel2Mesh: Wang et al. 2018 | `DeformedSphere` |
-| `r2n2` | 3D-R2N2: Choy et al. 2016, its encoder and decoder | `Voxels` |
-
-All have the image encoder of `Reconstruction`, and the losses that they were published with; validation is by Chamfer
-distance for all. docs/single_image.md says what else differs from the publications.
-"""
+`psg` is PSG (Fan et al. 2017, "A Point Set Generation Network"), `pixel2mesh` Pixel2Mesh (Wang et al. 2018), and `r2n2`
+the encoder and decoder of 3D-R2N2 (Choy et al. 2016). They have the image encoder of `Reconstruction` and the published
+losses; validation is by Chamfer distance. docs/single_image.md says what else differs."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -30,7 +23,6 @@ from palpate.charts.sample import sample_faces
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import KERNEL, ImageEncoder
 from palpate.models.gcn import GraphNetwork
-from palpate.models.layers import LinearBlock
 from palpate.models.losses import CELL, GRID, Target, cloud_loss, subsample
 from palpate.models.pooling import pool, relative_camera
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE
@@ -59,11 +51,8 @@ class SingleImageModel(nn.Module, ABC):
         self.register_buffer("centre", torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
 
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """The prediction (B, ...), as `stages` describes it.
-
-        batch: `image` (B, 3, S, S) in [0, 1], and `camera` (B, 3, 4) from the world (m) to homogeneous pixels. Raises
-        ValueError if one is missing or of another shape, or the image is too small for the encoder.
-        """
+        """The prediction (B, ...), as `stages` describes it. batch: `image` (B, 3, S, S) in [0, 1], and `camera`
+        (B, 3, 4) from the world (m) to homogeneous pixels. Raises ValueError for another shape, or a small image."""
         return self.stages(batch)[-1]
 
     def maps(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
@@ -95,13 +84,9 @@ class SingleImageModel(nn.Module, ABC):
 
 
 class PointSet(SingleImageModel):
-    """PSG with two branches (its section 4.1): a fully connected one, and one of deconvolutions.
-
-    The deconvolutions go from the encoder's last pooled map back to its first, each adding the pooled map of its size.
-    Every cell of the last one gives a point. Points are predicted in the view's frame, about the object. The decoder
-    has `hidden`, the width of the fully connected layer, and `points`, how many that branch gives. The encoder has
-    padding 1, and its pooled maps are of blocks that follow each other.
-    """
+    """PSG with two branches (its section 4.1): a fully connected one, and one of deconvolutions, from the encoder's
+    last pooled map back to its first, each adding the pooled map of its size. Every cell of the last one gives a point.
+    Points are in the view's frame. The decoder has the connected layer's width, `hidden`, and `points`."""
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
@@ -132,11 +117,9 @@ class PointSet(SingleImageModel):
         return [self.radius * seen @ view_axes(batch["camera"]) + self.centre.to(seen.dtype)]
 
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
-        """Chamfer distance of the predicted points to their objects, as `cloud_loss` has it."""
         return cloud_loss(stages[-1], target)
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        """The points, and no faces."""
         return prediction, torch.empty(0, 3, dtype=torch.int64, device=prediction.device)
 
     def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
@@ -145,13 +128,8 @@ class PointSet(SingleImageModel):
 
 
 class DeformedSphere(SingleImageModel):
-    """Pixel2Mesh without unpooling: a sphere deformed in several blocks with weights of their own.
-
-    Each block's graph network moves the vertices by the image features where they project and by their positions. There
-    are as many blocks as `deformations`.
-
-    Attributes: faces, (2304, 3) int64; edges, (E, 2) int64, each once; start, (V, 3) m, the sphere.
-    """
+    """Pixel2Mesh without unpooling: a sphere deformed in `deformations` blocks with weights of their own. Each moves
+    vertices by the image's features at them and their positions. faces: (2304, 3) int64; edges: (E, 2), each once."""
 
     start: Tensor
     faces: Tensor
@@ -184,20 +162,17 @@ class DeformedSphere(SingleImageModel):
         return stages
 
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
-        """Pixel2Mesh's loss, the mean over its blocks (the publication: the sum).
-
-        Of each block: the Chamfer distance between vertices and true points, the edges' squared length, the change
-        of each vertex's Laplacian coordinate by the block, and how far edges are from tangential at the nearest
-        true point. Each is a mean, as in the published code, and times 9000.
-        """
+        """Pixel2Mesh's loss, the mean over its blocks (the publication: the sum), each of means, as in the published
+        code: the Chamfer distance between vertices and true points, the edges' squared length, the change of Laplacian
+        coordinates, and how far edges are from tangential at the nearest true point."""
         truth, objects, n, generator = target
-        clouds, trees, normals = truth.clouds(objects), truth.trees(objects), truth.normals(objects)
+        clouds = [truth.points[number] for number in objects]
+        trees, normals = truth.trees(objects), truth.normals(objects)
         before = self.start.to(truth.points.dtype).expand(len(objects), -1, -1)
         total = truth.points.new_zeros(len(objects))
         for vertices in stages:
             vertices = vertices.to(truth.points.dtype)
-            searches = zip(vertices, clouds, trees or [None] * len(clouds), strict=True)
-            index = [nearest(*search) for search in searches]
+            index = list(map(nearest, vertices, clouds, trees or [None] * len(clouds)))
             met = torch.stack([cloud[rows] for cloud, rows in zip(clouds, index, strict=True)])
             there = (vertices - met).square().sum(dim=2).mean(dim=1)
             back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], vertices)
@@ -215,17 +190,13 @@ class DeformedSphere(SingleImageModel):
         return CHAMFER_SCALE * total / len(stages)
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        """The deformed sphere."""
         return prediction, self.faces
 
 
 class Voxels(SingleImageModel):
     """3D-R2N2's encoder and decoder on one view: the image as a vector, a grid of 4^3 cells, deconvolutions to 32^3.
-
-    The grid is a cube of `GRID_EDGE` around the object, along the world's axes: the camera is not used. Where objects
-    keep their size the cube has that of the largest. The decoder has `hidden`, the vector's length, `channels` of the
-    grids of 4, 8, 16 and 32 cells an edge, and `level`, the probability at which the surface is drawn.
-    """
+    The grid is a cube around the object, along the world's axes. The decoder has `hidden`, the vector's length,
+    `channels` of the grids of 4, 8, 16 and 32 cells an edge, and `level`, the surface's probability."""
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
@@ -265,14 +236,12 @@ class Voxels(SingleImageModel):
 
 def image_code(channels: int, hidden: int) -> nn.Sequential:
     """(B, channels, h, w) to (B, hidden)."""
-    return nn.Sequential(nn.AdaptiveAvgPool2d(CODE_CELLS), nn.Flatten(), LinearBlock(channels * CODE_CELLS**2, hidden))
+    layer = nn.Sequential(nn.Linear(channels * CODE_CELLS**2, hidden), nn.ReLU())
+    return nn.Sequential(nn.AdaptiveAvgPool2d(CODE_CELLS), nn.Flatten(), layer)
 
 
 def view_axes(camera: Tensor) -> Tensor:
-    """The axes of views in the world: right, down and forward, the rows of (B, 3, 3).
-
-    camera: (B, 3, 4) from homogeneous world coordinates to homogeneous pixels; square pixels without skew.
-    """
+    """The axes of views in the world, right, down and forward: rows of (B, 3, 3). camera: (B, 3, 4) to pixels."""
     forward = functional.normalize(camera[:, 2, :3], dim=1)
     across = camera[:, 0, :3]
     right = functional.normalize(across - (across * forward).sum(dim=1, keepdim=True) * forward, dim=1)
@@ -280,10 +249,7 @@ def view_axes(camera: Tensor) -> Tensor:
 
 
 def laplacian(vertices: Tensor, edges: Tensor) -> Tensor:
-    """Laplacian coordinates (B, V, 3): each vertex less the mean of its neighbours.
-
-    vertices: (B, V, 3). edges: (E, 2), each once; every vertex has one.
-    """
+    """Laplacian coordinates (B, V, 3): each vertex less the mean of its neighbours. edges: (E, 2), each once."""
     ends, others = torch.cat([edges, edges.flip(1)]).T
     count = torch.bincount(ends, minlength=vertices.shape[1]).to(vertices.dtype)
     return vertices - torch.zeros_like(vertices).index_add(1, ends, vertices[:, others]) / count[:, None]
@@ -296,12 +262,9 @@ def mean_cosine(edges: Tensor, normals: Tensor, ends: Tensor) -> Tensor:
 
 
 def grid_surface(values: np.ndarray, level: float, cell: float = CELL) -> tuple[np.ndarray, np.ndarray]:
-    """The surface where values (n, n, n), on a grid around the object, equal a level, by marching cubes.
-
-    cell: m, from value to value. Beyond the grid values are 0, below the level: the surface is closed.
-    Returns vertices (V, 3) float64 m, world frame, and faces (F, 3) int64, counterclockwise seen from where values are
-    lower.
-    """
+    """The surface where values (n, n, n), on a grid around the object, equal a level, by marching cubes; beyond the
+    grid values are 0. cell: m, from value to value. Returns vertices (V, 3) float64 m, world frame, and faces (F, 3),
+    counterclockwise from outside."""
     padded = np.pad(values.astype(np.float64), 1)
     count = len(padded)
     vertices, faces, _ = igl.marching_cubes(

@@ -1,9 +1,5 @@
-"""Templates: fitted charts of training objects. A reconstruction begins with a shape that is interpolated from those
-that fit it best, by kriging.
-
-To retrieve an object and to deform it is known from meshes of CAD models (Uy et al. 2021, "Joint learning of 3D shape
-retrieval and deformation").
-"""
+"""Templates: fitted charts of training objects, interpolated by kriging to a shape that a reconstruction begins with.
+See Uy et al. 2021, "Joint learning of 3D shape retrieval and deformation", of CAD models."""
 
 import itertools
 from collections.abc import Mapping
@@ -35,15 +31,10 @@ FORTH, BACK = 0.5, 1 / (1 / 0.5 - 0.1)  # the two steps of smoothing: a pass ban
 
 
 class Templates(nn.Module):
-    """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best.
-
-    It is `conditioned` by the touched points, and bent to them. All templates are fits of one sphere, so their vertices
-    correspond, roughly.
-
-    shapes: (T, 1154, 3) m, vertices of `sphere()` fitted to the objects (`palpate.charts.fit_atlas`). masks:
-    (T, k, 64, 64) uint8, the objects as k cameras see them, by `shrunk`; None without vision. kernel: (2,) float64, of
-    silhouettes: scale and nugget; without, those that `likely_kernel` says.
-    """
+    """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best,
+    `conditioned` by the touched points and bent to them. shapes: (T, 1154, 3) m, fits of `sphere()` to the objects
+    (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64) uint8, as k cameras see them, by `shrunk`; None without vision.
+    kernel: (2,) float64, of silhouettes: scale and nugget; None: `likely_kernel`."""
 
     shapes: Tensor
     masks: Tensor | None
@@ -65,11 +56,8 @@ class Templates(nn.Module):
         return Objects(clouds, None if self.masks is None else self.masks.cpu() / 255)
 
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """Vertices (1824, B, 3) m of vision charts.
-
-        batch, of what there is: `mask`, `hand`, `camera_number`, `success`, `charts` as `Retrieval` takes them;
-        `excluded` (B,) int64, the number of a template that is not taken where there is another, or -1.
-        """
+        """Vertices (1824, B, 3) m of vision charts. batch: as `Retrieval` takes it; `excluded` (B,) int64, the number
+        of a template that is not taken where there is another, or -1."""
         # In 16 bits a vertex is placed to a millimetre, and overlaps are good to two digits.
         with torch.autocast(self.shapes.device.type, enabled=False):
             return self._start(batch).transpose(0, 1)
@@ -95,11 +83,7 @@ class Templates(nn.Module):
         self, numbers: Tensor, mask: Tensor, camera_number: Tensor, hand: Tensor | None = None
     ) -> Tensor:
         """The logarithm (1 + n, 1 + n) of the covariance of a sample's shape, the first, and n templates, by the
-        intersections over union of their silhouettes outside the hand.
-
-        It is positive definite (Bouchard et al. 2013, "A proof for the positive definiteness of the Jaccard index
-        matrix").
-        """
+        intersections over union of their silhouettes: positive definite (Bouchard et al. 2013)."""
         assert self.masks is not None and self.kernel is not None  # of a strategy with vision
         masks = self.masks[numbers, camera_number].cpu() / 255
         seen = torch.cat([mask[None], masks if hand is None else masks * (1 - hand)]).flatten(1)
@@ -122,11 +106,9 @@ def alike(masks: Tensor) -> Tensor:
 
 def likely_kernel(shapes: Tensor, masks: Tensor) -> Tensor:
     """The scale and the nugget, (2,) float64 of `SCALES` and `NUGGETS`, by which shapes (T, V, 3) are most probable.
-
     masks: (T, p, p) uint8, their silhouettes. The likelihood is of what does not depend on the mean (restricted:
     Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are unequal"), every coordinate
-    has the same variance, and that is the most probable one.
-    """
+    has the same variance, and that is the most probable one."""
     values, one, overlap = (
         shapes.flatten(1).double(),
         torch.ones(len(shapes), 1).double(),
@@ -146,12 +128,10 @@ def likely_kernel(shapes: Tensor, masks: Tensor) -> Tensor:
 def kriged(vertices: Tensor, covariance: Tensor, nugget: float = NUGGET) -> tuple[Tensor, Tensor, Tensor]:
     """A shape (V, 3) m, interpolated from shapes (n, V, 3), and how it may be wrong: by a sum of the n moves
     `factor^-1 off`, with standard normal shares. Returns it, off (n, V, 3) and factor (n, n), which is triangular.
-
     covariance: (1 + n, 1 + n), of the shape and of those that are known, to which `nugget` is added. Their mean is
     estimated with it (ordinary kriging: Cressie 1993, "Statistics for spatial data", 3.2). The covariance of vertices,
     by which that of shapes is multiplied, is the most probable one (Conti & O'Hagan 2010, "Bayesian emulation of
-    complex multi-output and dynamic computer models").
-    """
+    complex multi-output and dynamic computer models")."""
     known, ones = covariance[1:, 1:] + nugget * torch.eye(len(vertices)), torch.ones(len(vertices))
     factor = torch.linalg.cholesky(known)
     solved, by_ones = torch.cholesky_solve(torch.stack([covariance[0, 1:], ones.double()], dim=1), factor).unbind(1)
@@ -163,13 +143,9 @@ def kriged(vertices: Tensor, covariance: Tensor, nugget: float = NUGGET) -> tupl
 
 
 def conditioned(vertices: Tensor, off: Tensor, factor: Tensor, touched: Tensor) -> Tensor:
-    """A shape, and how it may be wrong, as `kriged` returns them: moved so that it is the most probable one with
-    touched points (m, 3) on its surface.
-
-    A point's distance to the surface has the deviation `NOISE` besides (Evensen 2003, "The ensemble Kalman filter"). It
-    is measured along normals that are interpolated between vertices: with those of faces, rounding decides which face's
-    it is where two are as near, and the shape with it.
-    """
+    """A shape, and how it may be wrong, as `kriged` returns them: the most probable one with touched points (m, 3) on
+    its surface. A point's distance has the deviation `NOISE` besides (Evensen 2003, "The ensemble Kalman filter"). It
+    is measured along normals that are interpolated between vertices: with faces' own, rounding would decide."""
     share, moved, faces = vertices.new_zeros(len(off), 1), vertices, sphere()[1].to(vertices.device)
     for _ in range(ROUNDS if len(touched) else 0):
         corners, weights = nearest_on_faces(touched, moved, faces)
@@ -193,12 +169,9 @@ def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
 
 
 def smoothed(positions: Tensor) -> Tensor:
-    """Vertices (1824, B, 3) of vision charts as a closed, smoother surface.
-
-    Vertices of different charts that are one of the sphere are joined at their mean. Then each goes towards the mean of
-    its neighbours, and a longer way back, so that the surface does not shrink (Taubin 1995, "A signal processing
-    approach to fair surface design").
-    """
+    """Vertices (1824, B, 3) of vision charts as a closed, smoother surface: vertices that are one of the sphere joined
+    at their mean, then each towards the mean of its neighbours, and a longer way back, so that the surface does not
+    shrink (Taubin 1995, "A signal processing approach to fair surface design")."""
     place, (start, end) = vision_atlas().position.to(positions.device), mesh_edges(sphere()[1]).T.to(positions.device)
     closed = _mean(positions, place)
     for step in (FORTH, -BACK):

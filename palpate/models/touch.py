@@ -20,12 +20,8 @@ SURFACE_FEATURES, EMPTY_FEATURES = 14, 5
 
 
 class Touches(NamedTuple):
-    """The touches of one sample, in the world frame, metres.
-
-    points: (n, 3) vertices of the successful touches' charts. normals: (n, 3) unit normals of the charts there, out of
-    the object. tree: the points' k-d tree, on a CPU, if there are any; else None. position, rotation: (m, 3), (m, 3, 3)
-    of the sensors without success, which have nothing in their reach.
-    """
+    """The touches of one sample, world frame, m: points (n, 3) of successful charts, their unit normals (n, 3) out of
+    the object, the points' k-d tree on a CPU; position (m, 3), rotation (m, 3, 3) of the sensors without success."""
 
     points: Tensor
     normals: Tensor
@@ -35,10 +31,7 @@ class Touches(NamedTuple):
 
 
 def chart_normals(charts: Tensor) -> Tensor:
-    """Unit normals (..., 81, 3) of touch charts (..., 81, 3), towards the sensor: by central differences.
-
-    A place where the chart is folded to a line has the normal 0.
-    """
+    """Unit normals (..., 81, 3) of touch charts (..., 81, 3), towards the sensor; 0 where folded to a line."""
     grid = charts.unflatten(-2, (TOUCH_SIDE, TOUCH_SIDE))
     down, right = torch.gradient(grid, dim=(-3, -2))
     return functional.normalize(torch.linalg.cross(down, right), dim=-1).flatten(-3, -2)
@@ -63,17 +56,13 @@ def touches_of(batch: Mapping[str, Tensor]) -> list[Touches]:
 
 class TouchPooling(nn.Module):
     """Features of the nearest touches at a vertex, times weights that start at zero.
-
     Of the nearest touched surface: with o the offset (m) to the nearest vertex of a successful touch chart, r its
     length, n the chart's unit normal there, w = exp(-r / 0.05) and v = exp(-r / 0.15): o w / 0.05, w, exp(-r / 0.015),
     (o . n) w / 0.02, n w, o v / 0.15, v, and 1. All are 0 if nothing was touched.
-
     Of the nearest empty space: a sensor without success has no surface in its reach, a box before it of the sensor's
     size and as deep as its range. With d the distance (m) to the nearest such box, e = exp(-d / 0.01), a the sensor's
     direction, and x the distance (m) from the sensor's plane: e, a e, and x e / range. All are 0 if there is none.
-
-    The search for the nearest has no gradient, the features have. width: of the output. sensor: that touches.
-    """
+    The search for the nearest has no gradient, the features have. width: of the output. sensor: that touches."""
 
     def __init__(self, width: int, sensor: Sensor = DIGIT):
         super().__init__()
@@ -130,14 +119,9 @@ def _outside(local: Tensor, sensor: Sensor) -> Tensor:
 
 
 class TouchAttention(nn.Module):
-    """Features of all touches, near or far, at a vertex: attention, whose output's weights start at zero.
-
-    Scaled dot-product attention (Vaswani et al. 2017) with one head: a query from the vertex's position, a key and a
-    value from each touch. Its inputs are the position and the direction of its sensor, its success, and the shape of
-    its chart. The order and the number of the touches do not matter.
-
-    width: of the output. channels: of the touches' features.
-    """
+    """Features of all touches, near or far, at a vertex: scaled dot-product attention (Vaswani et al. 2017) with one
+    head, whose output's weights start at zero. A query is made of a vertex's position; a key and a value of each touch,
+    of its sensor's position and direction, its success and its chart's shape. width: of the output."""
 
     TOUCH_INPUTS = 3 + 3 + 1 + 9 * 3
 
@@ -153,9 +137,7 @@ class TouchAttention(nn.Module):
         self, batch: Mapping[str, Tensor], relative: Callable[[Tensor], Tensor]
     ) -> tuple[Tensor, Tensor]:
         """Keys (B, T, channels / 2), and values times the output's weights (B, T, width), of the touches of a batch.
-
-        batch: as `Reconstruction` takes it. relative: from positions (..., 3) to those that the network takes.
-        """
+        relative: from positions (..., 3) to those that the network takes."""
         success = batch["success"].bool()[..., None]
         grid = chart_grid(batch["charts"])
         centre = torch.where(success, grid[:, :, 4], batch["position"])

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.methods import METHODS
+from palpate.experiments import METHODS
 from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic

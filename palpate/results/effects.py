@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.experiments import SPLITS
-from palpate.methods import METHODS
+from palpate.experiments import METHODS, SPLITS
 from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES

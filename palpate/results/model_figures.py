@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.experiments import Experiment
+from palpate.experiments import METHODS, Experiment
 from palpate.mesh import OBJECT_POSITION, load_visual
-from palpate.methods import METHODS
 from palpate.protocol import RINGS
 from palpate.results import model_tables as tables
 from palpate.results import products

@@ -229,7 +229,7 @@ def tuning(points: Sequence[dict[str, Any]], trainings: Sequence[Mapping[str, An
     """The supplement's hyperparameters in every combination of the config's grid, for the model of occluded vision and
     touch: the lowest validation loss (9000 x Chamfer distance), the best first.
 
-    points: of `palpate.learning.tuning.grid`; trainings: the `training.json` of each.
+    points: of `palpate.learning.recipes.tuning_grid`; trainings: the `training.json` of each.
     """
     from pandas import DataFrame as Frame
 

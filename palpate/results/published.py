@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from palpate.methods import METHODS, Method
+from palpate.experiments import METHODS, Method
 
 if TYPE_CHECKING:
     import pandas as pd

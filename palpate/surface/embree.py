@@ -1,7 +1,5 @@
 """Embree's ray casting on the faces of one mesh. `bpy` must be imported before this module, if at all.
-
-trimesh's wrapper copies, scales and normalises every ray, which costs more than tracing the rays of a sensor.
-"""
+trimesh's wrapper copies, scales and normalises every ray, which costs more than tracing the rays of a sensor."""
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -13,10 +11,8 @@ from palpate.mesh import Mesh
 class RayMesh:
     """The faces of a mesh that have an area, in Embree's tree; no ray leaks between two faces that share vertices.
     Embree's single precision, about 1e-7 of the mesh's size, names the face that is hit; the caller computes where.
-
     triangles: (f, 3, 3) float64, corners of the faces kept, in the mesh's own coordinates. normals: (f, 3) float64,
-    twice as long as the area. face: (f,) index of each into `mesh.faces`. low, high: (3,) corners of the box around.
-    """
+    twice as long as the area. face: (f,) index of each into `mesh.faces`. low, high: (3,) corners of the box around."""
 
     def __init__(self, mesh: Mesh):
         """Raises ValueError if none of the mesh's faces has an area."""

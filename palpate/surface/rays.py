@@ -24,10 +24,8 @@ def fibonacci_sphere(count: int) -> np.ndarray:
 
 def sample(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
     """Points (count, 3) float64, in the mesh's frame and in random order, uniform by area on its exterior surface.
-
     Exterior is what a straight line reaches from outside, through openings too; the mesh may be open, non-manifold or
-    flipped. Raises ValueError for a mesh without area, or if too little of it is exterior.
-    """
+    flipped. Raises ValueError for a mesh without area, or if too little of it is exterior."""
     rays = RayMesh(mesh)
     exterior: list[np.ndarray] = []
     drawn, missing = 0, count

@@ -8,8 +8,7 @@ import pytest
 from palpate.architectures import GCN, PAPER_ARCHITECTURES
 from palpate.configuration import ConfigError
 from palpate.experiments import Experiments
-from palpate.learning import tuning
-from palpate.learning.recipes import Recipe
+from palpate.learning.recipes import Recipe, layers_of_blocks, tuning_grid, tuning_settings
 
 PROJECT = Path(__file__).parents[2]
 FILE = PROJECT / "config/recipes.yaml"
@@ -142,28 +141,28 @@ def test_a_recipe_that_does_not_exist():
 
 
 def test_the_supplements_grid():
-    points = tuning.grid(PROJECT / "config/tuning.yaml", "paper")
+    points = tuning_grid(PROJECT / "config/tuning.yaml", "paper")
     assert len(points) == len({tuple(point.values()) for point in points}) == 3**4
     assert {point["rate"] for point in points} == {1e-4, 3e-5, 1e-5}
     assert {point["cnn_layers"] for point in points} == {12, 15, 18}
     assert {point["gcn_layers"] for point in points} == {15, 20, 25}
     assert {point["width"] for point in points} == {150, 200, 250}
     with pytest.raises(ConfigError, match="no grid 'huge' .*known: small, paper"):
-        tuning.grid(PROJECT / "config/tuning.yaml", "huge")
+        tuning_grid(PROJECT / "config/tuning.yaml", "huge")
 
 
 def test_points_lay_their_layers_as_the_papers_tables_do():
     settings = resolve({}, "paper").settings(EXPERIMENTS["charts_occluded_touch"])
     base = PAPER_ARCHITECTURES["occluded_touch"]
     point = {"rate": 3e-5, "cnn_layers": 18, "gcn_layers": 21, "width": 250}
-    found = tuning.point_settings(settings, point, None)
+    found = tuning_settings(settings, point, None)
     assert found.architecture == base and found == settings
     point = {"rate": 1e-4, "cnn_layers": 12, "gcn_layers": 15, "width": 150}
-    found = tuning.point_settings(settings, point, 40)
+    found = tuning_settings(settings, point, 40)
     assert found.architecture.encoder.layers == PAPER_ARCHITECTURES["unoccluded"].encoder.layers
     assert found.architecture.encoder.pool == [6, 9, 12]
     assert found.architecture.gcn == GCN(15, 150)
     assert (found.rate, found.steps, found.epochs) == (1e-4, 40, 260)
-    assert tuning.layers_of_blocks(15) == [4, 4, 4, 3]
+    assert layers_of_blocks(15) == [4, 4, 4, 3]
     with pytest.raises(ConfigError, match="6 CNN layers"):
-        tuning.layers_of_blocks(6)
+        layers_of_blocks(6)

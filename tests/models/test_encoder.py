@@ -6,9 +6,7 @@ import pytest
 import torch
 
 from palpate.architectures import PAPER_ARCHITECTURES, Encoder
-from palpate.models import ImageEncoder
-from palpate.models.encoder import ReadingEncoder
-from palpate.models.layers import NORMS
+from palpate.models.encoder import NORMS, ImageEncoder, ReadingEncoder
 from tests.models.batches import SMALL
 
 

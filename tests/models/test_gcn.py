@@ -7,7 +7,7 @@ import torch
 
 from palpate.architectures import GCN
 from palpate.charts import Graph
-from palpate.models import GraphNetwork, ZeroNeighbourLayer
+from palpate.models.gcn import GraphNetwork, ZeroNeighbourLayer
 from tests.models.straightforward import dense_adjacency
 
 

@@ -10,8 +10,8 @@ from torch import nn
 from palpate.architectures import PAPER_ARCHITECTURES, paper_architecture
 from palpate.experiments import Experiment
 from palpate.models import Reconstruction, TouchDepth
+from palpate.models.encoder import ConvolutionBlock
 from palpate.models.gcn import ZeroNeighbourLayer
-from palpate.models.layers import ConvolutionBlock
 from palpate.results import published
 from palpate.results.architectures import architecture, compare, read_layers
 from palpate.results.tables import write_table

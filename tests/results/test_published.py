@@ -3,8 +3,7 @@
 import pandas as pd
 import pytest
 
-from palpate.experiments import SPLITS, Comparison, Experiment
-from palpate.methods import METHODS
+from palpate.experiments import METHODS, SPLITS, Comparison, Experiment
 from palpate.results.claims import decide
 from palpate.results.effects import touch_effect
 from palpate.results.products import needed_splits

@@ -1,8 +1,8 @@
-from palpate.learning import tuning
+from palpate.learning.recipes import tuning_grid
 
 TUNED = EXPERIMENTS.experiments.get("charts_occluded_touch")
 try:
-    grid = tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
+    grid = tuning_grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
 except ConfigError as error:
     stop(error)
 # The points of the grid by their folders, as Snakemake's Paramspace names them; that would load pandas.

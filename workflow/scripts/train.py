@@ -14,12 +14,11 @@ from pathlib import Path
 
 from palpate import Dataset, seal
 from palpate.experiments import Experiment
-from palpate.learning import tuning
 from palpate.learning.data import ExperimentData
 from palpate.learning.learners import ReconstructionLearner, TouchDepthLearner
 from palpate.learning.loop import train
 from palpate.learning.machine import Machine
-from palpate.learning.recipes import ReconstructionSettings, TouchDepthSettings
+from palpate.learning.recipes import ReconstructionSettings, TouchDepthSettings, tuning_settings
 from palpate.learning.touch_charts import read_touches
 
 log_to(snakemake.log[0])
@@ -30,7 +29,7 @@ if params.get("experiment"):
     experiment = Experiment.from_row(snakemake.wildcards.get("experiment", ""), params.experiment)
     settings = ReconstructionSettings.from_row(params.settings)
     if params.get("point"):
-        settings = tuning.point_settings(settings, params.point, params.steps)
+        settings = tuning_settings(settings, params.point, params.steps)
     data = ExperimentData.load(run, experiment, splits, training=True)
     learner = ReconstructionLearner(data, experiment, settings, params.seed)
 else:
