@@ -39,12 +39,14 @@ def config_tables() -> dict[str, str]:
 
 def dataset_tables() -> dict[str, str]:
     """The tables of docs/dataset.md, by their markers."""
-    arrays = [
-        (stage, f"`{name}`", spec.axes, spec.dtype, spec.unit, f"{spec.meaning}{'; optional' if spec.optional else ''}")
-        for stage, store in CONTRACT.items()
-        for name, spec in store.arrays.items()
-        if name != "object"  # every store has it: the page says so once
-    ]
+    arrays, stages = [], {}
+    for stage, store in CONTRACT.items():
+        for name, spec in store.arrays.items():
+            if name != "object":  # every store has it: the page says so once
+                first = stages.setdefault((name, spec.meaning), stage)
+                meaning = spec.meaning if first == stage else f"As in {first}"
+                optional = "; optional" if spec.optional else ""
+                arrays.append((stage, f"`{name}`", spec.axes, spec.dtype, spec.unit, meaning + optional))
     specs = [spec for store in CONTRACT.values() for spec in store.arrays.values()]
     axes = dict.fromkeys(axis for spec in specs for axis in zip(spec.shape, spec.dimensions, strict=True))
     names = {symbol: ", ".join(name for length, name in axes if length == symbol) for symbol in SYMBOLS}
