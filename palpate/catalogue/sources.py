@@ -53,17 +53,22 @@ class SourceObject(NamedTuple):
 
 def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
     """The objects of a run, class by class in the order asked for, within a class by name; procedural objects whether
-    their files have been written or not.
-
-    classes: the number of objects of each class, or "all". Of more objects than asked for, those are taken whose names
-    have the smallest hashes: an even choice, the same on every machine.
-
-    Raises `CatalogueError` for an unknown class, a missing folder, no mesh, fewer than asked for, or a link that leads
-    nowhere; `ConfigError` for the file of `objects`.
-    """
+    their files have been written or not. classes: the number of objects of each class, or "all". Of more objects than
+    asked for, those are taken whose names have the smallest hashes: an even choice, the same on every machine. Raises
+    `CatalogueError` for an unknown class, a missing folder, no mesh, fewer than asked for, or a link that leads
+    nowhere; `ConfigError` for the file of `objects`."""
     if not classes:
         raise CatalogueError("no classes: name at least one, with a number of objects or `all`")
-    _check_classes(classes)
+    file_names: dict[str, str] = {}
+    for name, count in classes.items():
+        if not re.fullmatch(CLASS_NAME, str(name)):
+            raise CatalogueError(
+                f"class {name!r}: use letters, digits, spaces, '_', '.' and '-', beginning with a letter, digit or '_'"
+            )
+        if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
+            raise CatalogueError(f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}")
+        if (twin := file_names.setdefault(file_name(name), name)) != name:
+            raise CatalogueError(f"classes {twin!r} and {name!r} would have files of one name: rename one of them")
     if source.kind == "procedural":
         return _turned(source, (entry for name, count in classes.items() for entry in _procedural(source, name, count)))
     root, table = _opened(source)
@@ -112,12 +117,10 @@ def style_of(name: str, class_name: str, seed: int) -> str:
 
 
 def all_classes(source: Source) -> dict[str, Count]:
-    """Every class that a source holds, with all of its objects: what `classes: all` stands for.
-
-    A class is a folder of the source's path that isn't hidden and holds a mesh, at any depth (one that holds none is
-    omitted with a warning). A source without folders of classes has one, `ONE_CLASS`, but for what `objects` says.
-    Raises `CatalogueError` if the folder is missing or holds none, and for procedural objects, which have no end.
-    """
+    """Every class that a source holds, with all of its objects: what `classes: all` stands for. A class is a folder of
+    the source's path that isn't hidden and holds a mesh, at any depth (one that holds none is omitted with a warning).
+    A source without folders of classes has one, `ONE_CLASS`, but for what `objects` says. Raises `CatalogueError` if
+    the folder is missing or holds none, and for procedural objects, which have no end."""
     if source.kind == "released":
         return dict.fromkeys([released.class_name for released in _released(source)], "all")
     if source.kind == "procedural":
@@ -175,21 +178,6 @@ def _opened(source: Source) -> tuple[Path, ObjectTable]:
     return root, read_object_table(source.objects, source.path) if source.objects else ObjectTable()
 
 
-def _check_classes(classes: Mapping[str, Count]) -> None:
-    """Raise CatalogueError for a class's name or number that can't be used."""
-    file_names: dict[str, str] = {}
-    for name, count in classes.items():
-        if not re.fullmatch(CLASS_NAME, str(name)):
-            raise CatalogueError(
-                f"class {name!r}: use letters, digits, spaces, '_', '.' and '-', beginning with a letter, digit or '_'"
-            )
-        if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
-            raise CatalogueError(f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}")
-        twin = file_names.setdefault(file_name(name), name)
-        if twin != name:
-            raise CatalogueError(f"classes {twin!r} and {name!r} would have files of one name: rename one of them")
-
-
 def _no_mesh(source: Source) -> str:
     """The message about a source in which no mesh is found."""
     message = f"{source.path}: no mesh found for {' or '.join(source.patterns)}"
@@ -207,8 +195,12 @@ def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> l
         for entry in _of_pattern(source, pattern, class_name)
         if table.of(entry.source, "").exclude != "yes"
     )
-    if not source.pattern:
-        _warn_of_folders_without(source, class_name, entries)
+    by_class, place = source.has_class_folders, Path(source.path)
+    if not source.pattern and "*" not in source.patterns[0].split("/")[-1] and (class_name or not by_class):
+        place /= source.folder_of(class_name) if by_class and class_name else ""
+        without = set(subfolders(place)) - {entry.object for entry in entries} if place.is_dir() else ()
+        if without:  # of the objects' folders of a published layout
+            log.warning("%s: no mesh in %d models: %s", place, len(without), listed(sorted(without)))
     return _without_general_names(entries) if source.kind == "folder" else entries
 
 
@@ -275,16 +267,6 @@ def _returns(top: Path, folder: Path) -> bool:
     """Whether a folder below `top` is a link to a folder that contains it: following it would never end."""
     above = (Path(os.path.realpath(each)) for each in folder.parents if each == top or top in each.parents)
     return folder.is_symlink() and any(parent.is_relative_to(os.path.realpath(folder)) for parent in above)
-
-
-def _warn_of_folders_without(source: Source, class_name: str | None, entries: Iterable[SourceObject]) -> None:
-    """Name the objects' folders of a published layout in which no mesh is."""
-    in_classes, place = source.has_class_folders, Path(source.path)
-    if "*" in source.patterns[0].split("/")[-1] or (in_classes and class_name is None):
-        return
-    place /= source.folder_of(class_name) if in_classes and class_name else ""
-    if place.is_dir() and (without := sorted(set(subfolders(place)) - {entry.object for entry in entries})):
-        log.warning("%s: no mesh in %d models: %s", place, len(without), listed(without))
 
 
 def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:

@@ -97,11 +97,9 @@ def splits_of(
     groups: Iterable[Sequence[str]] = (),
 ) -> dict[str, str]:
     """The split of each object by name: the one that the source or the user gives, or that of its name, by the ratios
-    (`fill`), or with `held_out: styles` by its style (CatalogueError for objects without one).
-
-    ratios: the config's `split`. seed: of procedural objects. groups: names of objects that are copies (`copies`): they
-    are in the split that one of them is given, or else in that of the first; several that are given stay.
-    """
+    (`fill`), or with `held_out: styles` by its style (CatalogueError for objects without one). ratios: the config's
+    `split`. seed: of procedural objects. groups: names of objects that are copies (`copies`): they are in the split
+    that one of them is given, or else in that of the first; several that are given stay."""
     given, of_class = ({entry.object: getattr(entry, key) for entry in entries} for key in ("split", "class_name"))
     shares = {split: ratios[split] for split in SPLITS}
     first = {name: name for name in given} | {name: group[0] for group in groups for name in group}
@@ -131,9 +129,8 @@ def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[st
 
 def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
     """Groups of objects, by name, that are copies: of one checksum, or of boxes and areas that agree to `ALIKE`.
-
-    checksums: of all objects, in order; an empty one tells nothing. shapes: of some, as `palpate.mesh.facts` has them.
-    """
+    checksums: of all objects, in order; an empty one tells nothing. shapes: of some, as `palpate.mesh.facts` has
+    them."""
     import numpy as np
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -259,11 +256,9 @@ def mesh_files(path: Path, root: Path | str) -> list[Path]:
 
 def source_checksums(known: Path, files: Mapping[str, Sequence[Path]], root: Path | str) -> dict[str, str]:
     """The `checksum` of each object by name; empty for a file that is missing, or can't be a mesh's. They decide
-    whether a batch's table is made again.
-
-    known: <run>/catalogue/.<batch>.json, which keeps sizes and times of each object's files, and their checksum: only
-    files with others are read again. files: of each object, as `mesh_files` has them. root: of the sources.
-    """
+    whether a batch's table is made again. known: <run>/catalogue/.<batch>.json, which keeps sizes and times of each
+    object's files, and their checksum: only files with others are read again. files: of each object, as `mesh_files`
+    has them. root: of the sources."""
     try:
         before = json.loads(known.read_text())
     except (OSError, ValueError):

@@ -39,10 +39,8 @@ BESIDE_FACING = np.cos(np.radians(45))
 
 
 class AntipodalGrasper(Grasper):
-    """A `Grasper` that places the hand across the object, and closes it with a grip.
-
-    A grasp's `more` are the arrays that the contract has for such grasps.
-    """
+    """A `Grasper` that places the hand across the object, and closes it with a grip. A grasp's `more` are the arrays
+    that the contract has for such grasps."""
 
     simulation: GripSimulation
 
@@ -216,12 +214,10 @@ def place(
 def reach(
     workspace: Workspace, joints: np.ndarray, sensors: np.ndarray, goal: np.ndarray, inward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse kinematics of some sensors at once, which may share joints, within ranges, in the palm's frame.
-
-    joints: (n, J) to start from; goal, inward: (n, t, 3), or (t, 3), where the gels of `sensors` (t,) shall be and
-    look. Returns joint positions (n, J), and by how much each gel is off (n, t, 6): its place, m, and its direction, by
-    `DIRECTION_LENGTH`.
-    """
+    """Inverse kinematics of some sensors at once, which may share joints, within ranges, in the palm's frame. joints:
+    (n, J) to start from; goal, inward: (n, t, 3), or (t, 3), where the gels of `sensors` (t,) shall be and look.
+    Returns joint positions (n, J), and by how much each gel is off (n, t, 6): its place, m, and its direction, by
+    `DIRECTION_LENGTH`."""
     hand, goals = workspace.hand, np.zeros((2, len(joints), len(workspace.hand.sensor_link), 3))
     goals[0][:, sensors], goals[1][:, sensors] = goal, inward
     best, off = joints, np.full((len(joints), len(sensors), 6), np.inf)

@@ -24,7 +24,8 @@ from palpate.touch import RayCaster
 
 MAX_PLACEMENTS = 50  # random palm poses for one attempt
 SURFACE_POINTS = 4000  # of the object's points, those that placement and targets choose from
-WORKSPACE_SEED = 0  # the workspace belongs to the hand: the same for every object and run
+# The workspace belongs to the hand: the same for every object and run.
+workspace_of = lru_cache(maxsize=1)(lambda hand: Workspace(hand, np.random.default_rng(0)))
 
 # Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/evidence/grasps.md).
 THUMB_SHARE = 0.15
@@ -158,10 +159,8 @@ class Grasper:
         return None if pose is None else (pose, rng.random() < self.thumb_share)
 
     def closed_at(self, pose: np.ndarray, targets: np.ndarray) -> Grasp | str:
-        """The grasp that closing towards `targets` (J,) gives, or the reason for failing.
-
-        pose: (4, 4), at which the simulation has been placed.
-        """
+        """The grasp that closing towards `targets` (J,) gives, or the reason for failing. pose: (4, 4), at which the
+        simulation has been placed."""
         closed = self.simulation.close(targets)
         if not closed.finite:
             return UNSTABLE
@@ -260,9 +259,3 @@ def grasp_object(
     arrays["penetration"] = arrays["penetration"].astype(np.float32)
     arrays["more"] = {name: np.stack([grasp.more[name] for grasp in best]) for name in best[0].more}
     return GraspSet(**arrays, attempts=len(grasps) + discarded.total(), discarded=discarded, omitted=grasper.omitted)
-
-
-@lru_cache(maxsize=1)
-def workspace_of(hand: Hand) -> Workspace:
-    """The hand's workspace, made once a process."""
-    return Workspace(hand, np.random.default_rng(WORKSPACE_SEED))

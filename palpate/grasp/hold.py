@@ -48,24 +48,16 @@ def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
 
 class HoldSimulation(GraspSimulation):
     """A `GraspSimulation` with a free object and friction. Gravity pulls the object only: servos would carry the hand.
-
-    Friction cones are elliptic: with pyramids a contact resists less along their diagonals.
-    """
+    Friction cones are elliptic: with pyramids a contact resists less along their diagonals."""
 
     loose, heavier = True, 1.0  # whether the object can move; of the simulated mass, over the object's
 
     def __init__(
-        self,
-        hand: Hand,
-        patches: list[np.ndarray],
-        body: Body,
-        friction: float,
-        timestep: float,
-        stiffness: float = STIFFNESS,
+        self, hand: Hand, patches: list[np.ndarray], body: Body, friction: float, timestep: float, **more: float
     ):
         """body, friction (the coefficient of all contacts): of the object; others as for `GraspSimulation`."""
         self.body, self.friction = body, friction
-        super().__init__(hand, patches, timestep, stiffness=stiffness)
+        super().__init__(hand, patches, timestep, **more)
 
     def specification(self) -> mujoco.MjSpec:
         """Hand and object as for a closing, with the object's weight and friction."""
@@ -98,11 +90,9 @@ class HoldSimulation(GraspSimulation):
         duration: float,
         distance: float,
     ) -> float:
-        """The largest distance of the object's centre of mass from its place, m; NaN if the engine warned.
-
-        It starts at rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets`
-        (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.
-        """
+        """The largest distance of the object's centre of mass from its place, m; NaN if the engine warned. It starts at
+        rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets` (J,). gravity:
+        (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m."""
         model, data = self.model, self.data
         self.set_forces(gravity)
         self.place(palm_pose, joint_positions)
@@ -129,25 +119,15 @@ class HoldSimulation(GraspSimulation):
 class GripSimulation(HoldSimulation):
     """A `HoldSimulation` whose closing ends with a given force: the fingers of each of the two sides that touch the
     object press with `grip` N along the line between them, whatever the servos' gain. No gravity acts meanwhile.
-
-    `sides` (s,), to be set before a closing, are those of the object that the sensors press: -1 or 1, 0 for none.
-    """
+    `sides` (s,), to be set before a closing, are those of the object that the sensors press: -1 or 1, 0 for none."""
 
     def __init__(
-        self,
-        hand: Hand,
-        patches: list[np.ndarray],
-        body: Body,
-        friction: float,
-        timestep: float,
-        grip: float,
-        loose: bool = True,
-        stiffness: float = GAIN,
+        self, hand: Hand, patches: list, body: Body, *args: float, grip: float, loose: bool = True, **more: float
     ):
-        """grip: N. loose: whether the object can move. Others as for `HoldSimulation`."""
+        """grip: N. loose: whether the object can move. Others as for `HoldSimulation`; stiffness: by default `GAIN`."""
         self.grip, self.loose, self.heavier = grip, loose, max(1.0, LEAST_MASS / body.mass)
         body = body._replace(mass=self.heavier * body.mass, inertia=self.heavier * body.inertia)
-        super().__init__(hand, patches, body, friction, timestep, stiffness)
+        super().__init__(hand, patches, body, *args, **{"stiffness": GAIN, **more})
         model = self.model
         model.opt.impratio = IMPRATIO
         limit = STRONGEST * grip * np.where(hand.joint_slides[self._drivers], 1.0, ARM)

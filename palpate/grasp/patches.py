@@ -15,11 +15,9 @@ NARROWEST = 2e-5  # metres: narrower patches are skipped, for their hulls are de
 
 def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL) -> list[np.ndarray]:
     """Point sets (V, 3) whose convex hulls together are a thin shell on the inner side of the mesh's surface.
-
     Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the signed axis
     nearest to their normal; a group's vertices and a copy shifted inwards by `THICKNESS` are a patch. Faces without
-    area are omitted, and groups narrower than `NARROWEST`.
-    """
+    area are omitted, and groups narrower than `NARROWEST`."""
     triangles = split_long_edges(np.asarray(mesh.triangles), cell / 2)
     areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2  # along the normals
     has_area = areas.any(axis=1)

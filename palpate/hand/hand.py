@@ -320,10 +320,8 @@ def half_spaces(vertices: np.ndarray) -> np.ndarray:
 
 def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     """The Allegro hand with four DIGITs as fingertips: 16 joints, four each of index, middle, ring finger and thumb.
-
     Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. gel_face: m from
-    the sensor frame to the gel's face, of another sensor in the DIGIT's place.
-    """
+    the sensor frame to the gel's face, of another sensor in the DIGIT's place."""
     given = yaml.safe_load(Path(__file__).with_name("allegro.yaml").read_text(encoding="utf-8"))
     links: list[tuple] = [("palm", -1, (0, 0, 0), np.eye(3))]
     joints: list[tuple] = []

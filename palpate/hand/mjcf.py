@@ -34,11 +34,9 @@ GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float = DIGIT.gel_face) -> Hand:
     """A hand of hinges and slides from a model file; ConfigError, naming that or the sensors', for what can't be used.
-
     sensors: a mapping, or a YAML file that holds one, with the keys that `schema.yaml` describes. gel_face: metres from
     the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are omitted with a
-    warning. Every other joint gets a servo, or follows one that has, and keeps its range.
-    """
+    warning. Every other joint gets a servo, or follows one that has, and keeps its range."""
     path, named = Path(path), f"the sensors of {path}" if isinstance(sensors, Mapping) else str(sensors)
     description = sensors if isinstance(sensors, Mapping) else read_yaml(sensors)
     check(description, SCHEMA, named)
@@ -157,7 +155,12 @@ class _Reader:
         # Planes and fields of the world, and those that are drawn only, are no part of a hand.
         solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
         geoms = [geom for geom in geoms if solid[geom] or (self.collides[geom] and model.geom_bodyid[geom])]
-        self._check_turns()
+        turns = [(name, *limits) for _, _, slides, limits, name in self.joints if not slides and limits.any()]
+        for name, low, high in turns:
+            if max(-low, high) > FURTHEST_TURN:
+                raise ValueError(f"the hinge of {name!r} turns from {low:g} to {high:g} rad: {DEGREES}")
+        if turns and len(turns) == len(self.joints) and max(high - low for _, low, high in turns) < NARROWEST_TURNS:
+            raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
         coupled = Couplings(model, self.numbers)
         for number, joint in enumerate(self.joints):
             joint[3], joint[5:] = coupled.range[number], [coupled.driver[number], coupled.coefficients[number]]
@@ -199,15 +202,6 @@ class _Reader:
             known = (getattr(self.model, kind)(number).name for number in range(getattr(self.model, f"n{kind}")))
             names = ", ".join(filter(None, known))
             raise ConfigError(f"{self.source}: {self.path} has no {kind} {name!r}, but {names or 'none'}") from None
-
-    def _check_turns(self) -> None:
-        """Raise ValueError if hinges turn so far or so little that degrees and radians must have been confused."""
-        turns = [(name, *limits) for _, _, slides, limits, name in self.joints if not slides and limits.any()]
-        for name, low, high in turns:
-            if max(-low, high) > FURTHEST_TURN:
-                raise ValueError(f"the hinge of {name!r} turns from {low:g} to {high:g} rad: {DEGREES}")
-        if turns and len(turns) == len(self.joints) and max(high - low for _, low, high in turns) < NARROWEST_TURNS:
-            raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
 
     def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
         """Joint positions (J,) of the open hand; those that are not given are at the reference, or follow."""

@@ -174,7 +174,7 @@ def top(p: SimpleNamespace, rng: Generator, neck: float, radius: float) -> list[
         return [Part(upright(filleted(profile, [0, 0.1 * tall, 0]), squared), cap_look)]
     if p.top == "screw":
         return [Part(screw_cap(wide, h + 0.15 * neck - 0.7 * tall, 0.7 * tall, p.top_taper), cap_look)]
-    reach = min(p.reach * radius, 0.25 * h)
+    reach, turn, more = min(p.reach * radius, 0.25 * h), (0, 0, p.top_turn), []  # from here on they point to +y first
     if p.top == "nozzle":
         cone = [(0.55 * neck, end - 0.1 * neck), (0.45 * neck, end), (0.15 * neck, end + reach), (0, end + reach)]
         solid = collar + lathe(filleted(cone, 0.05 * neck), 48)
@@ -194,24 +194,15 @@ def top(p: SimpleNamespace, rng: Generator, neck: float, radius: float) -> list[
         span, low, high, thin = 0.85 * wide, end - 0.3 * neck, end + 0.7 * reach, 0.2 if p.top == "swing" else 0.45
         path = [(0, -span, low), (0, -span, high), (0, span, high), (0, span, low)]
         solid = collar + bent_bar(path, 0.6 * span, 2 * thin * neck, thin * neck, 3, 24)
-    else:
-        return trigger_head(p, rng, neck, reach, end, collar, cap_look)
-    return [Part(solid.rotate((0, 0, p.top_turn)), cap_look)]
-
-
-def trigger_head(
-    p: SimpleNamespace, rng: Generator, neck: float, reach: float, end: float, collar: Manifold, look: Material
-) -> list[Part]:
-    """A sprayer's head with nozzle and trigger, pointing to +y but for `top_turn`."""
-    rise, slope = rng.uniform(0.5, 1.6) * neck, rng.uniform(-0.2, 0.3) * neck
-    z, back = end + rise + neck, rng.uniform(0.8, 1.8) * neck
-    spine = [(0, -back, z - slope), (0, 0, z), (0, 1.2 * reach, z + 0.5 * slope)]
-    head = bent_bar(spine, neck, 1.4 * neck, 1.6 * neck, 3, 40)
-    stem = rod((0, 0, end - 0.3 * neck), (0, 0, z), 0.75 * neck)
-    drop, at = rng.uniform(1.6, 3.2) * neck, 0.75 * reach
-    path = [(0, at, z), (0, at + 0.4 * neck, z - 0.5 * drop), (0, at - 0.2 * neck, z - drop)]
-    trigger = bent_bar(path, neck, 0.8 * neck, 0.35 * neck, 3, 28)
-    nozzle = turned([(0.55 * neck, 0), (0.45 * neck, neck)], (0, 1.15 * reach, z + 0.4 * slope), (0, 1, 0), 32)
-    small = Material("trigger", tuple(int(c) for c in rng.integers(40, 230, 3)))
-    solids = (union([head, stem, collar]), look), (trigger + nozzle, small)
-    return [Part(solid.rotate((0, 0, p.top_turn)), material) for solid, material in solids]
+    else:  # a sprayer's head with nozzle and trigger
+        rise, slope = rng.uniform(0.5, 1.6) * neck, rng.uniform(-0.2, 0.3) * neck
+        z, back = end + rise + neck, rng.uniform(0.8, 1.8) * neck
+        spine = [(0, -back, z - slope), (0, 0, z), (0, 1.2 * reach, z + 0.5 * slope)]
+        head = bent_bar(spine, neck, 1.4 * neck, 1.6 * neck, 3, 40)
+        solid = union([head, rod((0, 0, end - 0.3 * neck), (0, 0, z), 0.75 * neck), collar])
+        drop, at = rng.uniform(1.6, 3.2) * neck, 0.75 * reach
+        path = [(0, at, z), (0, at + 0.4 * neck, z - 0.5 * drop), (0, at - 0.2 * neck, z - drop)]
+        trigger = bent_bar(path, neck, 0.8 * neck, 0.35 * neck, 3, 28)
+        trigger += turned([(0.55 * neck, 0), (0.45 * neck, neck)], (0, 1.15 * reach, z + 0.4 * slope), (0, 1, 0), 32)
+        more = [Part(trigger.rotate(turn), Material("trigger", tuple(int(c) for c in rng.integers(40, 230, 3))))]
+    return [Part(solid.rotate(turn), cap_look), *more]

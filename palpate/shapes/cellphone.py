@@ -119,7 +119,11 @@ def front(
                 key_solids += navigation(p, face, top - tall / 2, inner, tall)
                 top -= 1.15 * tall
             rows, columns = (4, 3) if p.keys == "pad" else (4, 10)
-            key_solids += keypad(p, face, low, top, inner, rows, columns)
+            low = max(low, top - 0.85 * rows * inner / columns)
+            pitch_y, pitch_z = inner / columns, (top - low) / rows
+            wide, tall, cells = (1 - p.key_gap) * pitch_y, (1 - p.key_gap) * pitch_z, np.ndindex(rows, columns)
+            spots = [((c + 0.5) * pitch_y - inner / 2, low + (r + 0.5) * pitch_z) for r, c in cells]
+            key_solids += [plate(face, y, z, wide, tall, p.key_round * min(wide, tall), p.key_out) for y, z in spots]
     if key_solids:
         parts.append(Part(union(key_solids), Material("keys", choose(rng, "shell").colour, 0, 0.4)))
     return parts
@@ -137,17 +141,6 @@ def plate(
     """A rounded plate let into the face at x and standing out by `out`."""
     corner = min(corner, 0.49 * width, 0.49 * height)
     return slab((DEEP + out, width, height), corner, min(0.0004, 0.4 * out), (x + (out - DEEP) / 2, y, z))
-
-
-def keypad(
-    p: SimpleNamespace, face: float, low: float, high: float, width: float, rows: int, columns: int
-) -> list[Manifold]:
-    """Keys in a grid between two heights."""
-    low = max(low, high - 0.85 * rows * width / columns)
-    pitch_y, pitch_z = width / columns, (high - low) / rows
-    wide, tall = (1 - p.key_gap) * pitch_y, (1 - p.key_gap) * pitch_z
-    spots = [((c + 0.5) * pitch_y - width / 2, low + (r + 0.5) * pitch_z) for r in range(rows) for c in range(columns)]
-    return [plate(face, y, z, wide, tall, p.key_round * min(wide, tall), p.key_out) for y, z in spots]
 
 
 def navigation(p: SimpleNamespace, face: float, z: float, width: float, tall: float) -> list[Manifold]:

@@ -5,8 +5,8 @@ It must be imported before what loads embree, as trimesh does: call `palpate.vis
 
 from palpate.camera import Camera, looking_at, paper_camera
 from palpate.lazy import lazy_exports
+from palpate.vision.geom import Mesh, spheres
 from palpate.vision.image import Image
-from palpate.vision.meshes import Mesh, spheres
 
 with_blender, __getattr__ = lazy_exports(__name__, {"renderer": ["Renderer"]})
 __all__ = ["Camera", "Image", "Mesh", "looking_at", "paper_camera", "spheres", *with_blender]

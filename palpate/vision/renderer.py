@@ -32,8 +32,8 @@ from palpate.camera import Camera, paper_camera  # noqa: E402
 from palpate.hand import Hand  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.scene import LIGHTS, WHITE, Light, Scene  # noqa: E402
+from palpate.vision.geom import Mesh, link_mesh  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
-from palpate.vision.meshes import Mesh, link_mesh  # noqa: E402
 
 SAMPLES = 16
 # What a scene of CAD parts under a few lamps needs of Cycles, by Blender's names.
@@ -98,7 +98,16 @@ class Renderer:
         Renderer._alive = weakref.ref(self)
         self.device = _choose_device(device)
         self._scene = bpy.context.scene
-        _set_up_render(self._scene, threads, self.device)
+        render, layer = self._scene.render, self._scene.view_layers[0]
+        render.engine, render.resolution_percentage, render.film_transparent = "CYCLES", 100, True
+        render.threads_mode, render.threads = "FIXED", threads
+        render.use_compositing = render.use_sequencer = False
+        render.use_border, render.use_crop_to_border = True, False
+        settings = render.image_settings
+        settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
+        layer.use_pass_z = layer.use_pass_object_index = True
+        layer.pass_alpha_threshold = VISIBLE
+        self._scene.cycles.device = self.device.upper()
         self._scene.world = bpy.data.worlds.new("ambient")
         self._scene.world.use_nodes = True
         # Of a constant light the surfaces' own samples are the better ones: they follow the cosine.
@@ -235,7 +244,7 @@ class Renderer:
                 bodies.append(body)
             elif body.type != "EMPTY":  # cameras and lamps
                 body.hide_render = True
-        self._origin.matrix_world = _matrix(np.vstack([np.c_[FILE_ROTATION, position], [0, 0, 0, 1]]))
+        self._origin.matrix_world = Matrix([*np.c_[FILE_ROTATION, position].tolist(), [0, 0, 0, 1]])
         bpy.context.view_layer.update()
         world = [np.zeros((0, 3))]
         for body in bodies:
@@ -257,7 +266,7 @@ class Renderer:
         points = [np.zeros((0, 3))]
         for link, body, vertices in self._links:
             pose = np.array(link_pose[link], dtype=float)
-            body.matrix_world = _matrix(pose)
+            body.matrix_world = Matrix(pose.tolist())
             body.hide_render = False
             points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
         return np.concatenate(points)
@@ -282,7 +291,7 @@ class Renderer:
         render, lens = self._scene.render, self._camera.data
         render.resolution_x = render.resolution_y = camera.size
         lens.sensor_fit, lens.lens = "HORIZONTAL", camera.focal_length / camera.size * lens.sensor_width
-        self._camera.matrix_world = _matrix(camera.pose())
+        self._camera.matrix_world = Matrix(camera.pose().tolist())
         for name, value in {**CYCLES, **self.cycles}.items():
             setattr(self._scene.cycles, name, value)
         rectangle = self.rectangle(camera, points)
@@ -356,20 +365,6 @@ def _choose_device(device: str) -> str:
     return "cpu"
 
 
-def _set_up_render(scene: Any, threads: int, device: str) -> None:
-    """Render settings of all images."""
-    render, layer = scene.render, scene.view_layers[0]
-    render.engine, render.resolution_percentage, render.film_transparent = "CYCLES", 100, True
-    render.threads_mode, render.threads = "FIXED", threads
-    render.use_compositing = render.use_sequencer = False
-    render.use_border, render.use_crop_to_border = True, False
-    settings = render.image_settings
-    settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
-    layer.use_pass_z = layer.use_pass_object_index = True
-    layer.pass_alpha_threshold = VISIBLE
-    scene.cycles.device = device.upper()
-
-
 def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], turn: np.ndarray) -> None:
     """Put lamps where their lights are, turned by a rotation (3, 3) about the object's place `centre` (3,)."""
     for body, light in lamps:
@@ -378,11 +373,6 @@ def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], tur
         away = turn @ (position - target)
         body.location = centre + turn @ (position - centre)
         body.rotation_euler = Vector(away).to_track_quat("Z", "Y").to_euler()
-
-
-def _matrix(pose: np.ndarray) -> Matrix:
-    """A pose (4, 4) as Blender has it."""
-    return Matrix(pose.tolist())
 
 
 def _link(scene: Any, body: Any) -> Any:

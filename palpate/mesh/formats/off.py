@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.mesh.files import Files
-from palpate.mesh.part import PLAIN, Loaded, linear, make_part, usable_normals
+from palpate.mesh.part import PLAIN, Files, Loaded, linear, make_part, usable_normals
 from palpate.mesh.polygons import triangulate
 
 # `OFF` and the counts may stand in one word, as in ModelNet, and `OFF` may be missing.

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.mesh.files import Files
-from palpate.mesh.part import Loaded, make_part, numbers
+from palpate.mesh.part import Files, Loaded, make_part, numbers
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 VERTEX = re.compile(rb"^[ \t]*vertex\b([^\n]*)", re.IGNORECASE | re.MULTILINE)
