@@ -198,7 +198,14 @@ def object_lines(settings: Settings, config: Mapping[str, Any], checksums: Mappi
         folders = source.class_folders(Path(source.path))
         without = [folder for folder in folders if source.class_of(folder) not in settings.classes]
         yield from (f"  no class: {folder} (no mesh in it)" for folder in without)
-    yield from (f"  {line}" for line in (*catalogue.unread_lines(source), *_unlike_lines(settings)))
+    yield from (f"  {line}" for line in catalogue.unread_lines(source))
+    unlike = defaultdict(list)  # mesh files, of some of many, that are something else by their content
+    looked = entries[:: 1 + len(entries) // MOST_READ] if source.kind in LAYOUTS else ()
+    for file in (file for entry in looked for file in (entry.source, *entry.others)):
+        path = Path(source.path, file)
+        if not named_files.unusable(path) and path.is_file() and (what := named_files.what_it_is(path)):
+            unlike[what].append(file)
+    yield from (f"  {len(files)} x {what} ({catalogue.listed(files, NAMED)})" for what, files in unlike.items())
     try:
         catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables")
     except catalogue.CatalogueError as error:
@@ -228,18 +235,6 @@ def _advice(files: Sequence[str], source: Source) -> str:
         if not advice and getattr(first, own) not in {getattr(other, own) for other in others}:
             advice = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; '
     return f"{advice}a line `{others[0]},yes` of source.objects (path,exclude) leaves a file out"
-
-
-def _unlike_lines(settings: Settings) -> Iterator[str]:
-    """Lines on mesh files, on some of many, that are something else by their content: a page, another format."""
-    unlike = defaultdict(list)
-    entries = settings.entries[:: 1 + len(settings.entries) // MOST_READ] if settings.source.kind in LAYOUTS else ()
-    for file in (file for entry in entries for file in (entry.source, *entry.others)):
-        path = Path(settings.source.path, file)
-        if not named_files.unusable(path) and path.is_file() and (what := named_files.what_it_is(path)):
-            unlike[what].append(file)
-    for what, files in unlike.items():
-        yield f"{len(files)} x {what} ({catalogue.listed(files, NAMED)})"
 
 
 class Look(NamedTuple):

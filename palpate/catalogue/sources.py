@@ -201,7 +201,15 @@ def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> l
         without = set(subfolders(place)) - {entry.object for entry in entries} if place.is_dir() else ()
         if without:  # of the objects' folders of a published layout
             log.warning("%s: no mesh in %d models: %s", place, len(without), listed(sorted(without)))
-    return _without_general_names(entries) if source.kind == "folder" else entries
+    if source.kind != "folder":
+        return entries
+    # Named by their folders where a file's name says nothing: `003_can/textured`, alone there.
+    steps = [(entry, [entry.class_name, *entry.object.split("/")]) for entry in entries]
+    below = Counter(tuple(path[:end]) for _, path in steps for end in range(2, len(path) + 1))
+    for _, path in steps:
+        while len(path) > 2 and is_general(path[-1]) and below[tuple(path[:-1])] == 1:
+            path.pop()
+    return [entry._replace(object="/".join(path[1:])) for entry, path in steps]
 
 
 def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterator[SourceObject]:
@@ -255,18 +263,18 @@ def _matches(root: Path, pattern: str, folder: str) -> Iterator[str]:
 
 def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[str]:
     """Mesh files, or those of other suffixes, at any depth. Links are followed, but to a folder around them."""
+
+    def returns(below: Path) -> bool:
+        """Whether a folder is a link to one that contains it: following it would never end."""
+        above = (Path(os.path.realpath(each)) for each in below.parents if each == folder or folder in each.parents)
+        return below.is_symlink() and any(parent.is_relative_to(os.path.realpath(below)) for parent in above)
+
     for place, folders, files in os.walk(folder, followlinks=True):
-        folders[:] = [name for name in folders if not name.startswith(".") and not _returns(folder, Path(place, name))]
+        folders[:] = [name for name in folders if not name.startswith(".") and not returns(Path(place, name))]
         within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files
         for name in files:
             if suffix.search(name) and not name.startswith("."):
                 yield name if within == "." else f"{within}/{name}"
-
-
-def _returns(top: Path, folder: Path) -> bool:
-    """Whether a folder below `top` is a link to a folder that contains it: following it would never end."""
-    above = (Path(os.path.realpath(each)) for each in folder.parents if each == top or top in each.parents)
-    return folder.is_symlink() and any(parent.is_relative_to(os.path.realpath(folder)) for parent in above)
 
 
 def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
@@ -285,16 +293,6 @@ def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
         for best, *others in objects:
             chosen.append(group[best]._replace(others=tuple(sorted(group[other].source for other in others))))
     return chosen
-
-
-def _without_general_names(entries: Iterable[SourceObject]) -> list[SourceObject]:
-    """The entries, named by their folders where a file's name says nothing: `003_can/textured`, alone there."""
-    steps = [(entry, [entry.class_name, *entry.object.split("/")]) for entry in entries]
-    below = Counter(tuple(path[:end]) for _, path in steps for end in range(2, len(path) + 1))
-    for _, path in steps:
-        while len(path) > 2 and is_general(path[-1]) and below[tuple(path[:-1])] == 1:
-            path.pop()
-    return [entry._replace(object="/".join(path[1:])) for entry, path in steps]
 
 
 def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:

@@ -79,7 +79,14 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     t = np.linspace(0, 1, 100)[1:]
     dome = np.float_power(1 - np.float_power(t, p.dome), p.hollow)
     shoulder = np.column_stack([neck + (radius - neck) * dome, end + t * (start - end)])
-    skin = evenly_turning(np.concatenate([np.column_stack([r, z]), shoulder]), rows)
+    skin = np.concatenate([np.column_stack([r, z]), shoulder])
+    # Closer rows where it curves: facets turn alike. A sharp corner needs one, a wall that may be bent some.
+    steps = np.diff(skin, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    turns = np.abs(np.diff(np.unwrap(arctan2(steps[:, 1], steps[:, 0]))))
+    place = np.append(0, np.cumsum(np.append(np.minimum(turns, 0.1), 0) + 0.7 * lengths / lengths.sum()))
+    chosen = np.searchsorted(place, np.linspace(0, place[-1], rows) - 1e-9)
+    skin = skin[np.unique(np.minimum(chosen, len(skin) - 1))]
     lip = np.array([(1, 0), (1, 0.3), (1 + p.finish, 0.34), (1 + p.finish, 0.66), (1, 0.7), (1, 1)])
     lip = np.column_stack([neck * lip[:, 0], start + (p.height - start) * lip[:, 1]])[1:]
     profile = np.concatenate([[(0.5 * r[0], 0)], skin, lip])
@@ -95,18 +102,6 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     x, y = section[..., 0], section[..., 1]
     return profile, np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-
-
-def evenly_turning(profile: np.ndarray, count: int) -> np.ndarray:
-    """Rows of a profile (k, 2), `count` at most, closer where it curves, so that the facets turn alike."""
-    steps = np.diff(profile, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    turns = np.abs(np.diff(np.unwrap(arctan2(steps[:, 1], steps[:, 0]))))
-    # A sharp corner needs one row; a straight wall that may be bent later needs some.
-    weights = np.append(np.minimum(turns, 0.1), 0) + 0.7 * lengths / lengths.sum()
-    place = np.append(0, np.cumsum(weights))
-    chosen = np.searchsorted(place, np.linspace(0, place[-1], count) - 1e-9)
-    return profile[np.unique(np.minimum(chosen, len(profile) - 1))]
 
 
 def cut_at(profile: np.ndarray, section: np.ndarray, z: float) -> np.ndarray:

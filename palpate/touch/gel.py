@@ -259,28 +259,22 @@ def press(
     displacement = gel.spread(pressure)
     traction: np.ndarray = np.zeros((*surface.shape, 2), dtype)
     if np.any(slide) or twist:
-        traction = _friction(gel, pressure, np.asarray(slide, dtype), twist, friction, tolerance)
+        # Coulomb friction, by a second solve of the same form (Ciavarella's and Jaeger's theorem): full slip, less a
+        # correction q >= 0 that is 0 where the face slips. Tractions lie along the imposed motion at each pixel.
+        rows, columns = (np.arange(n) * edge for n, edge in zip(gel.shape, gel.pixel, strict=True))
+        z = rows[:, None] - (pressure.sum(axis=1) @ rows) / pressure.sum()
+        y = columns[None] - (pressure.sum(axis=0) @ columns) / pressure.sum()
+        to_y, to_z = np.asarray(slide, dtype)
+        imposed = np.stack(np.broadcast_arrays(to_y - twist * z, to_z + twist * y), axis=-1)
+        length = np.linalg.norm(imposed, axis=-1)
+        along = imposed / np.maximum(length, np.finfo(float).tiny)[..., None]
+
+        def moved(traction: np.ndarray) -> np.ndarray:
+            return (gel.shear(traction[..., None] * along) * along).sum(axis=-1)
+
+        slipping = friction * pressure
+        gap = np.where(pressure > 0, length - moved(slipping), np.inf)
+        correction = contact(moved, gap, None, slipping, tolerance)[0] if friction > 0 else slipping
+        traction = (slipping - np.minimum(correction, slipping))[..., None] * along
         displacement = displacement + gel.shear(traction)
     return Pressed(indentation, pressure, displacement, traction, force, approach, approach / layer.thickness)
-
-
-def _friction(
-    gel: Face, pressure: np.ndarray, slide: np.ndarray, twist: float, friction: float, tolerance: float
-) -> np.ndarray:
-    """Tractions (r, c, 2) of Coulomb friction after a slide and twist, by a second solve of the same form. As
-    Ciavarella's and Jaeger's theorem has it: full slip, less a correction q >= 0 that is 0 where the face slips.
-    Tractions are taken to lie along the imposed motion at each pixel; across it nothing is balanced."""
-    rows, columns = (np.arange(n) * edge for n, edge in zip(gel.shape, gel.pixel, strict=True))
-    z = rows[:, None] - (pressure.sum(axis=1) @ rows) / pressure.sum()
-    y = columns[None] - (pressure.sum(axis=0) @ columns) / pressure.sum()
-    imposed = np.stack(np.broadcast_arrays(slide[0] - twist * z, slide[1] + twist * y), axis=-1)
-    length = np.linalg.norm(imposed, axis=-1)
-    along = imposed / np.maximum(length, np.finfo(float).tiny)[..., None]
-
-    def moved(traction: np.ndarray) -> np.ndarray:
-        return (gel.shear(traction[..., None] * along) * along).sum(axis=-1)
-
-    slipping = friction * pressure
-    gap = np.where(pressure > 0, length - moved(slipping), np.inf)
-    correction = contact(moved, gap, None, slipping, tolerance)[0] if friction > 0 else slipping
-    return (slipping - np.minimum(correction, slipping))[..., None] * along
