@@ -70,8 +70,8 @@ def checked(path: str) -> str:
 
 def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     """What a config that fits the schema means; no mesh is opened. Relative paths are the project's. Raises
-    `ConfigError` and `catalogue.CatalogueError`, with the remedy, for a file that is missing or invalid, a source
-    without what is asked of it, keys that contradict each other, and a folder that has another run."""
+    `ConfigError` and `catalogue.CatalogueError`, with the remedy, for what is missing, invalid or contradictory, and
+    for another run's folder."""
     folder = str(Path(absolute(config["results"], project), config["run"]))
     catalogue.check_same_run(folder, config, project)
     settings, schemas, training = Path(project, "config"), Path(project, "workflow/schemas"), config["training"]

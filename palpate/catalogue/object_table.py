@@ -59,8 +59,8 @@ class ObjectTable(dict[str, Given]):
 
 def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
     """The rows of a CSV file in UTF-8, with a header: `path`, and any of `COLUMNS`; root: the source's path. Raises
-    ConfigError, naming file, line and remedy, for a file that is missing or has another form, a value that can't be, a
-    path that does not exist, or two rows about one thing."""
+    ConfigError, naming file, line and remedy, for what can't be, a path that does not exist, or two rows about one
+    thing."""
     if os.path.exists(path) and not (os.path.isfile(path) and os.path.getsize(path) <= MOST_BYTES):
         raise ConfigError(f"{path}: no file, or over {MOST_BYTES >> 20} MiB: set source.objects to a CSV file")
     try:

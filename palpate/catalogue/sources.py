@@ -52,11 +52,10 @@ class SourceObject(NamedTuple):
 
 
 def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
-    """The objects of a run, class by class in the order asked for, within a class by name; procedural objects whether
-    their files have been written or not. classes: the number of objects of each class, or "all". Of more objects than
-    asked for, those are taken whose names have the smallest hashes: an even choice, the same on every machine. Raises
-    `CatalogueError` for an unknown class, a missing folder, no mesh, fewer than asked for, or a link that leads
-    nowhere; `ConfigError` for the file of `objects`."""
+    """The objects of a run, class by class in the order asked for, within a class by name; procedural ones whether
+    their files are there or not. classes: the number of objects of each, or "all"; of more, those with the smallest
+    hashes are taken. Raises `CatalogueError` for an unknown class, a missing folder, no mesh, fewer than asked for, or
+    a link that leads nowhere; `ConfigError` for the file of `objects`."""
     if not classes:
         raise CatalogueError("no classes: name at least one, with a number of objects or `all`")
     file_names: dict[str, str] = {}
@@ -117,10 +116,9 @@ def style_of(name: str, class_name: str, seed: int) -> str:
 
 
 def all_classes(source: Source) -> dict[str, Count]:
-    """Every class that a source holds, with all of its objects: what `classes: all` stands for. A class is a folder of
-    the source's path that isn't hidden and holds a mesh, at any depth (one that holds none is omitted with a warning).
-    A source without folders of classes has one, `ONE_CLASS`, but for what `objects` says. Raises `CatalogueError` if
-    the folder is missing or holds none, and for procedural objects, which have no end."""
+    """Every class of a source, with all objects: `classes: all`. A class is a folder of the source's path that isn't
+    hidden and holds a mesh, at any depth; without folders of classes there is `ONE_CLASS`, but for what `objects` says.
+    Raises `CatalogueError` if the folder is missing or holds none, and for procedural objects, which have no end."""
     if source.kind == "released":
         return dict.fromkeys([released.class_name for released in _released(source)], "all")
     if source.kind == "procedural":

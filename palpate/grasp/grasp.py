@@ -87,13 +87,10 @@ class Grasper:
         only_held: bool = False,
     ):
         """visual, collision: the object's meshes, with every face and decimated. surface_points: (N, 3) on its outside.
-        timestep: of the simulation, seconds. max_penetration: metres; a deeper grasp is not accepted. thumb_share: of
-        the attempts, in which the thumb closes too; with 1, more sensors touch than in the paper. sensor: the hand's
-        sensors, which decide what touches. hold: of the test whether a grasp holds, the config's keys `friction`,
-        `density`, `distance` and `duration`. only_held: whether others are not kept.
-
-        Raises what `check_hand` does, and UnusableObject for an object without a face.
-        """
+        timestep: s. max_penetration: m; a deeper grasp is not accepted. thumb_share: of the attempts, in which the
+        thumb closes too. sensor: of the hand; they decide what touches. hold: the config's `friction`, `density`,
+        `distance` and `duration`. only_held: whether others are not kept. Raises what `check_hand` does, and
+        UnusableObject for an object without a face."""
         self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
         self.hold, self.only_held = dict(hold or {}), only_held
         self.workspace = workspace_of(hand)
@@ -224,16 +221,11 @@ def grasp_object(
     grasper_type: Callable[..., Grasper] = Grasper,
     **options: Any,
 ) -> GraspSet:
-    """Grasp an object: `attempts` grasps with at least one touch are made, of at most `max_attempts` attempts in all,
-    and the `per_object` with the most touches are kept, of equals the earlier.
-
-    surface_points: (N, 3) in the world frame, as the surface store has them. grasper_type: makes the object's grasper;
-    `palpate.grasp.grasper_type` has others. The other arguments are `Grasper`'s.
-
-    Returns the grasps in the world frame; the same generator gives the same.
-    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object without a
-    surface; ValueError for settings, a hand or points that can't be used.
-    """
+    """Grasp an object: `attempts` grasps with a touch are made, of at most `max_attempts` attempts in all, and the
+    `per_object` with the most touches kept, of equals the earlier. surface_points: (N, 3) in the world frame.
+    grasper_type: makes the grasper (`palpate.grasp.grasper_type`), with the options. Returns the grasps in the world
+    frame; the same generator gives the same. Raises `UnusableObject` for too few valid grasps or no surface; ValueError
+    for settings, a hand or points that can't be used."""
     if attempts < per_object:
         raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION

@@ -90,9 +90,9 @@ class HoldSimulation(GraspSimulation):
         duration: float,
         distance: float,
     ) -> float:
-        """The largest distance of the object's centre of mass from its place, m; NaN if the engine warned. It starts at
-        rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets` (J,). gravity:
-        (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m."""
+        """The largest distance (m) of the object's centre of mass from its place, within `duration` s or until it
+        exceeds `distance` m, from rest in the hand at these poses (4, 4) and (J,), servos holding `targets` (J,); NaN
+        if the engine warned."""
         model, data = self.model, self.data
         self.set_forces(gravity)
         self.place(palm_pose, joint_positions)

@@ -33,10 +33,10 @@ GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
 def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float = DIGIT.gel_face) -> Hand:
-    """A hand of hinges and slides from a model file; ConfigError, naming that or the sensors', for what can't be used.
-    sensors: a mapping, or a YAML file that holds one, with the keys that `schema.yaml` describes. gel_face: metres from
-    the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are omitted with a
-    warning. Every other joint gets a servo, or follows one that has, and keeps its range."""
+    """A hand of hinges and slides from a model file; ConfigError, naming the file, for what can't be used. sensors: a
+    mapping or YAML file with the keys of `schema.yaml`. gel_face: m from the sensors' frames to the gel's face. The
+    palm's frame is its body's, whose joints are omitted with a warning; others get a servo, or follow one that has, in
+    their range."""
     path, named = Path(path), f"the sensors of {path}" if isinstance(sensors, Mapping) else str(sensors)
     description = sensors if isinstance(sensors, Mapping) else read_yaml(sensors)
     check(description, SCHEMA, named)
@@ -227,9 +227,8 @@ class _Reader:
         return hand.follow(np.clip(start, *hand.joint_range.T))
 
     def _colliding(self, hand: Hand, geoms: list[int]) -> np.ndarray:
-        """Those of a hand's (P, 2) `colliding_pairs` that a bit of the one's contype and the other's conaffinity lets
-        collide and no `exclude` forbids, and each `pair`, as MuJoCo has it. geoms: the model's numbers of the hand's.
-        """
+        """Those of the `colliding_pairs` (P, 2) whose contype and conaffinity let them collide and no `exclude`
+        forbids, and each `pair`, as MuJoCo has it. geoms: the model's numbers of the hand's."""
         model, body = self.model, self.model.geom_bodyid[geoms]
         meets = (model.geom_contype[geoms, None] & model.geom_conaffinity[geoms]) != 0
         excluded = np.isin((body[:, None] << 16) + body, model.exclude_signature)

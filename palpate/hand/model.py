@@ -23,11 +23,10 @@ LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7  # of links without a volume of their own
 
 
 def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
-    """The hand as an `MjSpec`; bodies, joints and servos are named as their links. The palm is fixed to the world.
-    Joints without a servo follow their drivers by equalities. `stiffness`: the servos' gain in N m / rad (of slides /
-    ARM^2, N / m), critically damped against the armature. Links have the density of water, or less where the servos
-    couldn't stop them in time (`LARGEST_INERTIA`). Omitted are geoms that are only drawn, and contacts of the hand with
-    itself that are not in its `colliding_pairs`."""
+    """The hand as an `MjSpec`; bodies, joints and servos are named as their links. The palm is fixed to the world;
+    joints without a servo follow by equalities. `stiffness`: the servos' gain in N m / rad (of slides / ARM^2, N / m),
+    critically damped. Links have the density of water, or less (`LARGEST_INERTIA`). Omitted are geoms that are only
+    drawn, and contacts of the hand with itself that are not in its `colliding_pairs`."""
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
     spec.compiler.degree = False

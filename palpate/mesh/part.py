@@ -101,10 +101,9 @@ def make_part(
     colours: np.ndarray | None = None,
     wrap: tuple[str, str] | None = None,
 ) -> trimesh.Trimesh:
-    """A part of an object; nothing is merged, and vertices that no face uses are kept. vertices (n, 3); faces (f, 3);
-    normals (n, 3) if the file has them; uv (n, 2), v upwards as in OBJ; colours (n, 4) uint8, linear light, multiplied
-    with the material's; material: by default white under colours, else `PLAIN`. wrap: of the texture across and up, if
-    not both "repeat": "clamp" or "mirror"."""
+    """A part of an object; nothing is merged or dropped. vertices (n, 3); faces (f, 3); normals (n, 3) of the file; uv
+    (n, 2), v upwards; colours (n, 4) uint8, linear light, times the material's, by default white under colours, else
+    `PLAIN`. wrap: of the texture across and up, if not both "repeat": "clamp" or "mirror"."""
     material = plain(PLAIN if colours is None else 1.0) if material is None else material
     part = trimesh.Trimesh(vertices, faces, process=False, validate=False)
     part.visual = TextureVisuals(uv=uv, material=material)

@@ -39,9 +39,8 @@ class RayCaster:
     """
 
     def __init__(self, mesh: Geometry, object_position: Sequence[float] = (0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
-        """Build the search tree of a mesh in the object's own frame, metres, once for all its grasps. object_position:
-        (3,) of that frame's origin in the frame of the sensors' poses. sensor: the kind of all sensors. Raises
-        ValueError if no face has an area."""
+        """Build the search tree of a mesh in the object's own frame, m. object_position: (3,) of its origin in the
+        frame of the sensors' poses. sensor: the kind of all. Raises ValueError if no face has an area."""
         self.sensor = sensor
         self.mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)

@@ -69,9 +69,8 @@ def sense(tracer: "RayCaster", position: np.ndarray, rotation: np.ndarray) -> To
 
 
 def local_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """The local point cloud (n, 3) float32 of a sensor's depth map (r, c): its finite pixels, row-major. In the frame
-    of the pose: position (3,) and rotation (3, 3), whose columns are the sensor's axes. Raises ValueError if the sensor
-    is too far from the origin for single precision."""
+    """The local point cloud (n, 3) float32 of a depth map (r, c): its finite pixels, row-major, in the frame of
+    position (3,) and rotation (3, 3). Raises ValueError for a sensor too far from the origin for single precision."""
     if not np.abs(position).max() <= FURTHEST:
         raise ValueError(
             f"a sensor at {np.asarray(position).tolist()} m is too far from the origin for points in single "
@@ -110,9 +109,9 @@ def press_sensor(
     friction: float = 0.5,
 ) -> dict[str, np.ndarray]:
     """A sensor pressed into a surface with a force (N) along its axis: arrays by their names in the press store. depth:
-    (R, C) m, of `RayCaster(..., face_sensor(sensor)).trace`. Only its shape counts: the force decides how deep the
-    surface goes. Where nothing is before the face, or the force is 0, the gel is as if untouched and `force` is 0.
-    slide, twist, friction: as for `gel.press`. Raises ConfigError for a sensor whose gel can't be pressed."""
+    (R, C) m, of `RayCaster(..., face_sensor(sensor)).trace`, whose shape counts only. With nothing before the face, or
+    a force of 0, the gel is untouched, `force` 0. Others as for `gel.press`. Raises ConfigError for a gel that can't be
+    pressed."""
     from palpate.touch.gel import Layer, press
 
     layer, nothing = Layer(**sensor.require_material()), np.zeros((*sensor.resolution, 2))

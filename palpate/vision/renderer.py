@@ -128,9 +128,9 @@ class Renderer:
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """The images that `render` gives, from each of the cameras; EXR files are named after the object and the
-        camera. Raises UnusableObject if the object's file can't be read or holds no triangles, or if an image of the
-        object alone doesn't show it; the next scene renders all the same."""
+        """The images that `render` gives, from each camera; EXR files are named after object and camera. Raises
+        UnusableObject if the object's file can't be read or has no triangles, or no pixel alone shows it; the next
+        scene renders all the same."""
         self._take_hand(scene.hand)
         grasps = range(len(scene.link_pose))
         shots = [(replace(scene, camera=camera), f"-camera-{k}" if k else "") for k, camera in enumerate(cameras)]
