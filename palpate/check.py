@@ -30,7 +30,6 @@ DEFAULT, SCHEMA = "config/config.yaml", "workflow/schemas/config.schema.yaml"
 FILES = "the config (config/config.yaml with --configfile and --config)"  # as messages name it
 # Meshes that are opened, of each class in turn: so many at most, and so many bytes after the first.
 MOST_OPENED, MOST_BYTES = 24, 30_000_000
-SECONDS_A_MESH = 20.0
 TRIED = 3  # objects that are tried for the example of a class
 EXAMPLES, EXAMPLE_SECONDS = 6, 60.0  # classes that have one, at most; after this time no other begins
 COMPARED_BYTES = 300_000_000  # of files of one size, whose checksums are compared
@@ -156,10 +155,15 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
             where = f", mm out of the surface of its link: {stated}" if surface else ": its x misses its link"
             say(f"  {sensor_name}{where}")
         pictures: dict[str, np.ndarray] = {}
-        for class_name, trials in _examples(looks, name).items():
+        by_class: dict[str, list[Look]] = defaultdict(list)  # those of the fewest faces first, no hulls
+        for opened in sorted(looks, key=lambda opened: opened.faces):
+            entry = opened.entry
+            if not opened.problem and (entry.object == name or not name and not catalogue.is_collision(entry.source)):
+                by_class[entry.class_name].append(opened)
+        for class_name in list(by_class)[:EXAMPLES]:
             if pictures and time.monotonic() - start > EXAMPLE_SECONDS:
                 break
-            for trial in trials:
+            for trial in by_class[class_name][:TRIED]:
                 say(f"{trial.entry.object}, through every stage:")
                 try:
                     made = make_example(trial.entry, root, config, settings.sensor, hand, Path(scratch))
@@ -276,19 +280,9 @@ def look(entry: SourceObject, root: Path) -> Look:
 
     path = root / entry.source
     try:
-        return Look(entry, *isolation.isolated(build.measure, path, entry.scale, root, seconds=SECONDS_A_MESH))
+        return Look(entry, *isolation.isolated(build.measure, path, entry.scale, root, seconds=20.0))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
         return Look(entry, problem=str(error).strip().splitlines()[-1].removeprefix(f"{path}: "))
-
-
-def _examples(looks: Sequence[Look], name: str | None) -> dict[str, list[Look]]:
-    """Meshes that are tried as examples, of some classes, of the fewest faces first, or of this name; no hulls."""
-    by_class: dict[str, list[Look]] = defaultdict(list)
-    for opened in sorted(looks, key=lambda opened: opened.faces):
-        entry = opened.entry
-        if not opened.problem and (entry.object == name or not name and not catalogue.is_collision(entry.source)):
-            by_class[entry.class_name].append(opened)
-    return {class_name: by_class[class_name][:TRIED] for class_name in list(by_class)[:EXAMPLES]}
 
 
 def mesh_lines(

@@ -14,12 +14,11 @@ from unicodedata import normalize
 
 from palpate import shapes
 from palpate.batch import UnusableObject, generator
-from palpate.catalogue.object_table import ObjectTable, read_object_table
-from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source, subfolders
+from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, ObjectTable, Scale, Source
 from palpate.catalogue.variants import is_general, of_one_object
 from palpate.configuration import ConfigError
 from palpate.named_files import HEAD, UNREAD, unusable
-from palpate.released.layout import SURFACES, read_released
+from palpate.released.layout import SURFACES, read_released, subfolders
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +69,7 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
             raise CatalogueError(f"classes {twin!r} and {name!r} would have files of one name: rename one of them")
     if source.kind == "procedural":
         return _turned(source, (entry for name, count in classes.items() for entry in _procedural(source, name, count)))
-    root, table = _opened(source)
+    root, table = source.opened()
     if source.kind in LAYOUTS and not table.gives_classes and not source.has_class_folders and len(classes) > 1:
         raise CatalogueError(
             f"source {source.kind} has one class, the config has {', '.join(classes)}: keep one of them, or say which "
@@ -123,7 +122,7 @@ def all_classes(source: Source) -> dict[str, Count]:
         return dict.fromkeys([released.class_name for released in _released(source)], "all")
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
-    root, table = _opened(source)
+    root, table = source.opened()
     changes = table.gives_classes or any(given.exclude == "yes" for given in table.values())
     if source.has_class_folders and not source.pattern and not changes:
         folders = source.class_folders(root)
@@ -166,14 +165,6 @@ def class_counts(config: Mapping[str, Any], source: Source) -> dict[str, Count]:
             "with the number of objects that it shall have"
         )
     return dict(rows)
-
-
-def _opened(source: Source) -> tuple[Path, ObjectTable]:
-    """The folder of a source, and what users say of its objects. Raises CatalogueError if the folder is missing."""
-    root = Path(source.path)
-    if not root.is_dir():
-        raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {source.kind} source")
-    return root, read_object_table(source.objects, source.path) if source.objects else ObjectTable()
 
 
 def _no_mesh(source: Source) -> str:

@@ -22,8 +22,6 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT, Sensor
 from palpate.touch import RayCaster
 
-MAX_PLACEMENTS = 50  # random palm poses for one attempt
-SURFACE_POINTS = 4000  # of the object's points, those that placement and targets choose from
 # The workspace belongs to the hand: the same for every object and run.
 workspace_of = lru_cache(maxsize=1)(lambda hand: Workspace(hand, np.random.default_rng(0)))
 
@@ -94,7 +92,7 @@ class Grasper:
         self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
         self.hold, self.only_held = dict(hold or {}), only_held
         self.workspace = workspace_of(hand)
-        self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
+        self.surface = with_normals(surface_points[:4000], visual)  # those that placement and targets choose from
         self.collision, self.patches = collision, surface_patches(collision)
         if not self.patches:
             raise UnusableObject("the collision mesh has no surface that a finger could stop at")
@@ -190,7 +188,7 @@ class Grasper:
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
         """A random palm pose (4, 4) at which the open hand is clear of the object; the simulation is put there."""
         open_hand = self.hand.open_joint_positions
-        for _ in range(MAX_PLACEMENTS):
+        for _ in range(50):
             pose = palm_pose(self.hand, self.surface, rng)
             self.simulation.place(pose, open_hand)
             # The engine never collides two bodies that can't move, such as palm and object: these are checked here.

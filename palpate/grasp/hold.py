@@ -17,14 +17,12 @@ from palpate.hand.model import ARM, STIFFNESS
 GRAVITY = 9.81  # m / s^2
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])  # +x, +y, +z, -x, -y, -z of the world
 RESTED = 0.1  # s in which forces come to rest
-CONDIM = 3  # contacts resist sliding; turning only as far as there are several
 
 # Of a grip.
 GAIN = 10 * STIFFNESS  # N m / rad: the object's weight moves the hand's servos by millimetres at most
 GRIPPED = 0.95  # share of the duration in which the grip grows and follows the fingers; then servos hold
 UPDATE = 5  # time steps after which the servos' targets follow the fingers
 STRONGEST = 4.0  # of the servos' limit, over the grip (of hinges at `ARM`): a driver may move two jaws
-IMPRATIO = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps by millimetres a second
 LEAST_MASS = 0.05  # kg, about a jaw's: fingers sink into lighter objects, whose contacts are as soft as they are light
 DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, as if it lay on a table
 
@@ -65,7 +63,10 @@ class HoldSimulation(GraspSimulation):
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.compiler.balanceinertia = True  # of a thin plate, the sum of two moments may miss the third by rounding
         for geom in spec.geoms:
-            geom.condim, geom.friction = CONDIM, [self.friction, 0, 0]
+            geom.condim, geom.friction = (
+                3,
+                [self.friction, 0, 0],
+            )  # contacts resist sliding; turning if there are several
         for body in spec.bodies:
             body.gravcomp = 1
         free, inertia = spec.body("object"), self.body.inertia
@@ -129,7 +130,7 @@ class GripSimulation(HoldSimulation):
         body = body._replace(mass=self.heavier * body.mass, inertia=self.heavier * body.inertia)
         super().__init__(hand, patches, body, *args, **{"stiffness": GAIN, **more})
         model = self.model
-        model.opt.impratio = IMPRATIO
+        model.opt.impratio = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps
         limit = STRONGEST * grip * np.where(hand.joint_slides[self._drivers], 1.0, ARM)
         model.actuator_forcerange[:] = np.stack([-limit, limit], axis=-1)
         self._moves = sensor_joints(hand) @ (hand.joint_driver[:, None] == hand.joint_driver)[:, hand.drivers]

@@ -18,7 +18,6 @@ MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itse
 # more than 0.0006.
 MAX_OUT_OF_RANGE = 0.001
 DURATION = 0.4  # s that a hand takes to close
-GEL_SEARCH = 0.05  # m in front of a sensor's origin searched for the surface of its link
 # Of `Hand`: attributes that are tuples; types of arrays that are not float, by the second word of their names.
 TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names", "joint_names")
 DTYPES = {"parent": int, "link": int, "driver": int, "slides": bool, "collides": bool, "thumb": bool}
@@ -124,7 +123,7 @@ class Hand:
         """Metres (s,) from each sensor's origin to where its +x axis leaves its link's geoms; 0 if it misses them."""
         link_pose = self.forward(np.eye(4), self.open_joint_positions)
         position, rotation = self.sensor_frames(link_pose)
-        along, distances = np.linspace(0, GEL_SEARCH, 501), []
+        along, distances = np.linspace(0, 0.05, 501), []
         for link, start, axes in zip(self.sensor_link, position, rotation, strict=True):
             inside = self.signed_distance(start + along[:, None] * axes[:, 0], link_pose, links=[link]) < 0
             distances.append(along[inside].max(initial=0.0))

@@ -25,7 +25,6 @@ FURTHEST_TURN, NARROWEST_TURNS = 4 * np.pi, 0.1
 DEGREES = 'does `<compiler angle="..."/>` say degree or radian rightly?'
 OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
 CLOSED = 0.005  # m between the middles of two gels that face each other, which no open hand has
-ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
 GROUPS = ("thumb", "opposes")  # of sensors
 
@@ -57,7 +56,7 @@ def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[
         where = where if distance else "not on its x"
         where += f", out of the range of {sensor.name}" * bool(distance > sensor.range)
         message = f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
-        messages += [message] * bool(abs(off) > ON_GEL)
+        messages += [message] * bool(abs(off) > 0.002)
     position, rotation = hand.sensor_frames(hand.forward(np.eye(4), hand.open_joint_positions))
     gels = zip(hand.sensor_names, position + sensor.gel_face * rotation[:, :, 0], rotation[:, :, 0], strict=True)
     for (one, face, out), (other, other_face, other_out) in combinations(gels, 2):

@@ -18,7 +18,6 @@ from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, 
 
 AXES = (2, 0)
 GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
-LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
 Size = tuple[float, float, float]  # thickness, width and height, m
 PROUD, DEEP = 0.0002, 0.0012  # m that glass and keys stand off the shell, and are let into it
 
@@ -186,7 +185,7 @@ def back(p: SimpleNamespace, rng: Generator, thickness: float, width: float, hei
         rims = [disc(face, side + y * lens, top + z * lens, 1.2 * lens, -1, rise) for y, z in spots]
         parts.append(Part(union(rims), Material("island", (40, 40, 44), 0.5, 0.3)))
     lenses = [disc(face - rise, side + y * lens, top + z * lens, 0.85 * lens, -1, 0.0008) for y, z in spots]
-    return [*parts, Part(union(lenses), LENS)]
+    return [*parts, Part(union(lenses), Material("lens", (16, 18, 30), 0.2, 0.05))]
 
 
 def trim(p: SimpleNamespace, rng: Generator, size: Size, look: Material) -> list[Part]:

@@ -20,7 +20,6 @@ AXES = (1, 2)
 # m. A sharp edge's thickness: what a whetted edge has is below what a mesh in float32 and a sensor can tell.
 EDGE = 0.0004
 POINT = 0.0012  # m, height of a blade at its very tip
-STATIONS = 90  # along a blade
 Line = Callable[[ArrayLike], np.ndarray]  # heights z at shares of a length
 
 
@@ -49,7 +48,7 @@ def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
 
 def blade(p: SimpleNamespace) -> Manifold:
     """The blade, with what is cut into it, and a tang that reaches into the handle."""
-    t = 1 - np.float_power(1 - np.linspace(0, 1, STATIONS), 1.5)
+    t = 1 - np.float_power(1 - np.linspace(0, 1, 90), 1.5)
     y, tallest = t * p.length, p.height * p.length
     grown = p.heel + (1 - p.heel) * np.clip(t / 0.2, 0, 1) ** 2 * (3 - 2 * np.clip(t / 0.2, 0, 1))
     full = tallest * grown * (1 + p.bulge * np.sin(np.pi * t) ** 2)

@@ -44,9 +44,6 @@ class Indentation(NamedTuple):
     punch_radius: float | None = None  # m, of a flat punch with a circular end
 
 
-Press = Callable[[Indentation, Sensor], tuple[np.ndarray, float]]
-
-
 class Calibration(NamedTuple):
     """A fitted sensor and the images it was fitted to and measured on, as the sensor's pixels: (n, r, c, 3) uint8."""
 
@@ -172,7 +169,7 @@ def calibrate(
     ball_radius: float | None = None,
     circles: Path | None = None,
     table: bool = False,
-    press: Press = press_indenter,
+    press: Callable[[Indentation, Sensor], tuple[np.ndarray, float]] = press_indenter,
 ) -> Calibration:
     """Fit a sensor's light to every second image of a folder (`read_folder`), and measure on the others. sensor: its
     size, pixels and gel are kept. table: colours over normals rather than lights. press: another geometry of the face.

@@ -21,9 +21,7 @@ _OFFSET = 1e-5  # m off the surface that rays start, far above their rounding
 
 # Reasons for which a point gives no press.
 BLOCKED = "no free way out along the sensor's axis"
-OBSTRUCTED = "something else meets the gel first"
 UNSETTLED = "the contact did not settle"
-THROUGH = "a force would press it through the gel"
 
 
 def press_object(
@@ -78,7 +76,7 @@ def press_object(
         depth = caster.trace(origin[None], rotation[None])[0].astype(float)
         travel = float((depth + face.face_sag).min()) - sensor.gel_face  # to the first touch
         if not CLEARANCE - (sensor.range - sensor.gel_face) <= travel < np.inf:  # else the point is then out of range
-            discarded[OBSTRUCTED] += 1
+            discarded["something else meets the gel first"] += 1
             continue
         depth -= travel
         depth[depth > face.range] = np.inf
@@ -89,7 +87,7 @@ def press_object(
             discarded[UNSETTLED] += 1
             continue
         if max(reading["strain"] for reading in readings) > 1:
-            discarded[THROUGH] += 1
+            discarded["a force would press it through the gel"] += 1
             continue
         pose = {"point": point, "normal": normal, "position": origin + travel * rotation[:, 0], "rotation": rotation}
         seen = depth[window].astype(np.float32)

@@ -23,7 +23,6 @@ PIXEL_CENTRES = DIGIT.pixel_centres[0]
 FURTHEST = 16.0  # metres from the origin within which points in single precision are right to a micrometre
 LARGEST_STRAIN = 0.4  # of the thickness: what linear theory gives beyond it is said to be doubtful (docs/gel.md)
 MARKER_RADIUS = 2.5e-4  # m, chosen: dots of 0.5 mm, some 1 to 2 mm apart, are what marked gels have
-MARKER_SHADE = 0.1  # of the light that the gel sends back beside a dot
 
 
 class TouchReading(NamedTuple):
@@ -160,7 +159,7 @@ def shade_pressed(indentation: np.ndarray, sensor: Sensor, displacement: np.ndar
     for row, column in markers(displacement, sensor).reshape(-1, 2):
         away = np.hypot((y - column) * sensor.pixel[1], (z - row) * sensor.pixel[0])
         covered = np.maximum(covered, np.clip(0.5 + (MARKER_RADIUS - away) / max(sensor.pixel), 0, 1))
-    return np.rint(reading * (1 - (1 - MARKER_SHADE) * covered[..., None])).astype(np.uint8)
+    return np.rint(reading * (1 - (1 - 0.1) * covered[..., None])).astype(np.uint8)
 
 
 def markers(displacement: np.ndarray | None, sensor: Sensor) -> np.ndarray:

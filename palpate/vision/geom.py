@@ -15,7 +15,6 @@ TOUCHING = 1e-6  # m
 RECESS = 2e-4  # m that bridges stay below the boxes' sides: faces in one plane would shadow each other
 EDGE_SEGMENTS = 3  # faces across a rounded edge, for each of the two sides that meet
 ROUND_SEGMENTS = 10  # the same, for spheres, capsules and ellipsoids
-CYLINDER_SECTORS = 48
 
 Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -47,7 +46,7 @@ def triangles(
         normals = unit / size
         return unit * size, faces, normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if kind == "cylinder":
-        return rounded_cylinder(size[0], size[1], bevel(size[:2]), CYLINDER_SECTORS, EDGE_SEGMENTS)
+        return rounded_cylinder(size[0], size[1], bevel(size[:2]), 48, EDGE_SEGMENTS)
     if kind != "mesh" or vertices is None or faces is None:
         kinds = "box, sphere, capsule, cylinder, ellipsoid or mesh"
         raise ValueError(f"can't draw a geom of kind {kind!r}: expected {kinds}")

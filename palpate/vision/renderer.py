@@ -43,16 +43,13 @@ CYCLES = {
     **{"max_bounces": 6, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 6},
     **{"transparent_max_bounces": 8, "volume_bounces": 0},
 }
-ROUGHNESS = 0.45  # of the hand's plastic
 OBJECT_INDEX = 1  # Blender's pass index of the object; 0 is everything else
 MARGIN = 2  # pixels around what is drawn: as far as the pixel filter reaches (0.75), and rounding
 PIXEL_FILTER = 1.5  # pixels, the width of the Blackman-Harris filter: Blender's default
 POINT_FILTER = 0.01  # pixels: the narrowest that Blender takes
 CLIP_START = 0.1  # m, Blender's default: nearer surfaces are not seen. Of near objects it is halfway to them.
-SHARP_EDGE = np.radians(30)
 # Files here have z up. The glTF importer turns y up to z up, (x, y, z) -> (x, -z, y); this turns it back.
 FILE_ROTATION = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 VISIBLE = 0.01  # opacity from which a surface counts for mask and depth: glass does, a texture's holes don't
 FREE_MEMORY = 200e6  # bytes: an uncompressed picture of 2048 x 2048 takes 24 a pixel
 
@@ -120,7 +117,7 @@ class Renderer:
         self._plastic.use_nodes = True
         nodes = self._plastic.node_tree.nodes
         colour, surface = nodes.new("ShaderNodeAttribute"), nodes["Principled BSDF"].inputs
-        colour.attribute_name, surface["Roughness"].default_value = "colour", ROUGHNESS
+        colour.attribute_name, surface["Roughness"].default_value = "colour", 0.45  # the hand's plastic
         self._plastic.node_tree.links.new(colour.outputs["Color"], surface["Base Color"])
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
@@ -350,7 +347,7 @@ def _choose_device(device: str) -> str:
     if device == "cpu":
         return "cpu"
     preferences = bpy.context.preferences.addons["cycles"].preferences
-    for kind in GPU_KINDS:
+    for kind in ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL"):
         try:
             preferences.compute_device_type = kind
         except TypeError:  # this build of Blender doesn't know the kind
@@ -394,7 +391,7 @@ def _blender_object(name: str, mesh: Mesh, material: Any) -> Any:
     data.update(calc_edges=True)
     data.shade_smooth()
     if mesh.normals is None:
-        data.set_sharp_from_angle(angle=SHARP_EDGE)
+        data.set_sharp_from_angle(angle=np.radians(30))
     else:
         data.normals_split_custom_set_from_vertices(np.asarray(mesh.normals, dtype=float).tolist())
     colours = np.asarray(mesh.colours, dtype=float)
