@@ -66,7 +66,7 @@ class HoldSimulation(GraspSimulation):
             geom.condim, geom.friction = (
                 3,
                 [self.friction, 0, 0],
-            )  # contacts resist sliding; turning if there are several
+            )  # contacts resist sliding, turning if there are several
         for body in spec.bodies:
             body.gravcomp = 1
         free, inertia = spec.body("object"), self.body.inertia
