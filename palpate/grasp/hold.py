@@ -63,10 +63,7 @@ class HoldSimulation(GraspSimulation):
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.compiler.balanceinertia = True  # of a thin plate, the sum of two moments may miss the third by rounding
         for geom in spec.geoms:
-            geom.condim, geom.friction = (
-                3,
-                [self.friction, 0, 0],
-            )  # contacts resist sliding, turning if there are several
+            geom.condim, geom.friction = 3, [self.friction, 0, 0]  # contacts resist sliding
         for body in spec.bodies:
             body.gravcomp = 1
         free, inertia = spec.body("object"), self.body.inertia

@@ -179,15 +179,10 @@ class _Reader:
             raise ConfigError(f"{self.source}: `opposes` names all sensors: name those of one side of an object")
         if not self.joints:
             raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
-        read = Hand.from_rows(
-            self.path.stem,
-            self.links,
-            self.joints,
-            [self._geom(geom) for geom in geoms],
-            [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors],
-            np.clip(model.qpos0[model.jnt_qposadr[self.numbers]], *coupled.range.T),
-            self._anchor(description, geoms),
-        )
+        faces = [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors]
+        rows = {"link": self.links, "joint": self.joints, "geom": [*map(self._geom, geoms)], "sensor": faces}
+        reference = np.clip(model.qpos0[model.jnt_qposadr[self.numbers]], *coupled.range.T)
+        read = Hand.from_rows(self.path.stem, rows, reference, self._anchor(description, geoms))
         opened = self._open(description.get("open"), read)
         opposing = np.isin(names, opposes) if opposes else None
         colliding = self._colliding(read, geoms)

@@ -57,7 +57,16 @@ def blade(p: SimpleNamespace) -> Manifold:
     rise = p.point * np.float_power(np.clip((t - p.belly) / (1 - p.belly), 0, 1), p.belly_power)
     back = middle + full * (0.5 - (1 - p.blunt) * drop)
     edge = middle + full * (-0.5 + (1 - p.blunt) * rise + p.wave * np.sin(2 * np.pi * t) * (1 - t))
-    solid = ground(y, back, edge, p.thickness * (1 - 0.5 * t), p.bevel, p.edges == "double")
+    # Where back and edge would meet or cross, the back stays above. Two edges are ground to both sides, as a dagger's.
+    tall, double = np.maximum(back - edge, POINT), p.edges == "double"
+    thick = np.minimum(p.thickness * (1 - 0.5 * t), tall)
+    sharp = np.minimum(EDGE, thick)
+    bevelled = edge + (0.5 if double else p.bevel) * tall
+    upper = bevelled if double else edge + 0.96 * tall
+    half = [(sharp / 2 if double else 0.94 * thick / 2, edge + tall), (thick / 2, upper)]
+    half += [(thick / 2, bevelled - 1e-5), (sharp / 2, edge)]
+    outline = [half[0], *((-x, z) for x, z in half), *half[:0:-1]]
+    solid = loft(np.stack([np.stack([x, y, z], -1) for x, z in outline], axis=1))
     tools = []
     if p.teeth != "none":
         line, deep = (edge, 0.3 * p.pitch) if p.teeth == "scallops" else (back, -0.45 * p.pitch)
@@ -87,25 +96,6 @@ def blade(p: SimpleNamespace) -> Manifold:
     reach = 0.3 * p.grip if p.fold == 0 else 0.02
     tang = box((0.7 * p.thickness, reach + 0.004, 0.3 * p.tall * p.grip), (0, 0.002 - reach / 2, 0))
     return cut(solid, tools) + tang
-
-
-def ground(
-    y: np.ndarray, spine: np.ndarray, edge: np.ndarray, thickness: np.ndarray, bevel: float = 0.5, double: bool = False
-) -> Manifold:
-    """A blade along y. y, spine, edge: (k,) positions, heights z of the back and of the edge; thickness: (k,) at the
-    back; bevel: share of the height that is ground to the edge; double: ground to both sides (a dagger)."""
-    # Where back and edge would meet or cross, the back stays above.
-    height = np.maximum(spine - edge, POINT)
-    thickness = np.minimum(thickness, height)
-    sharp = np.minimum(EDGE, thickness)
-    spine_half = sharp / 2 if double else 0.94 * thickness / 2
-    bevelled = edge + bevel * height
-    back = edge + 0.96 * height
-    if double:
-        bevelled = back = edge + height / 2
-    half = [(spine_half, edge + height), (thickness / 2, back), (thickness / 2, bevelled - 1e-5), (sharp / 2, edge)]
-    outline = [half[0], *((-x, z) for x, z in half), *half[:0:-1]]
-    return loft(np.stack([np.stack([x, y, z], -1) for x, z in outline], axis=1))
 
 
 def handle(p: SimpleNamespace, tall: float, wide: float) -> tuple[Manifold, Line]:
