@@ -180,17 +180,17 @@ def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
         if not values["path"]:
             raise ConfigError(f"{place}: the path is empty: fill in that of a mesh file or a folder")
         try:
-            file = Path(os.path.normpath(root / Path(values["path"]).expanduser()))
-            key = file.relative_to(os.path.normpath(root)).as_posix()
+            full = Path(os.path.normpath(root / Path(values["path"]).expanduser()))
+            key = full.relative_to(os.path.normpath(root)).as_posix()
         except (ValueError, RuntimeError):
             raise ConfigError(
                 f"{place}: {values['path']} is not below {root}: paths are relative to source.path"
             ) from None
-        if not file.exists():  # as macOS writes names, or as others do
+        if not full.exists():  # as macOS writes names, or as others do
             forms = (unicodedata.normalize(form, key) for form in ("NFC", "NFD"))
             key = next((form for form in forms if os.path.exists(os.path.join(root, form))), "")
             if not key:
-                raise ConfigError(f"{place}: {file}: no such file or folder: correct the path, or remove the line")
+                raise ConfigError(f"{place}: {full}: no such file or folder: correct the path, or remove the line")
         if key in table:
             raise ConfigError(f"{place}: there is a line for {key} already: remove one of them")
         given = dict.fromkeys(TABLE_COLUMNS, "") | values
