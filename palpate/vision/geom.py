@@ -37,12 +37,11 @@ def triangles(
     size = np.asarray(size, dtype=float)
     if kind == "box":
         return rounded_box(size, bevel(size), EDGE_SEGMENTS)
-    if kind == "sphere":
-        return sphere(size[0], ROUND_SEGMENTS)
-    if kind == "capsule":
-        return rounded_box(np.array([size[0], size[0], size[0] + size[1]]), size[0], ROUND_SEGMENTS)
+    if kind in ("sphere", "capsule"):
+        long = size[0] if kind == "sphere" else size[0] + size[1]
+        return rounded_box(np.array([size[0], size[0], long]), size[0], ROUND_SEGMENTS)
     if kind == "ellipsoid":
-        unit, faces, _ = sphere(1.0, ROUND_SEGMENTS)
+        unit, faces, _ = rounded_box(np.ones(3), 1.0, ROUND_SEGMENTS)
         normals = unit / size
         return unit * size, faces, normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if kind == "cylinder":
@@ -80,11 +79,6 @@ def bridges(sizes: np.ndarray, positions: np.ndarray) -> list[tuple[np.ndarray, 
 def bevel(size: np.ndarray) -> float:
     """The radius of the rounded edges of a box or cylinder with these half extents."""
     return float(min(LARGEST_BEVEL, BEVEL_SHARE * size.min()))
-
-
-def sphere(radius: float, segments: int) -> Triangles:
-    """A sphere as a cube of 6 x (2 segments)^2 squares, rounded."""
-    return rounded_box(np.full(3, radius), radius, segments)
 
 
 def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Triangles:
@@ -142,7 +136,7 @@ def _grid_faces(rows: int, columns: int) -> np.ndarray:
 def spheres(points: np.ndarray, radius: float, colours: ArrayLike = (0.8, 0.1, 0.1), segments: int = 4) -> Mesh:
     """Points (n, 3) as small spheres of a radius in metres; colours: sRGB (3,) or one a point (n, 3)."""
     points = np.asarray(points, dtype=float)
-    vertices, faces, normals = sphere(radius, segments)
+    vertices, faces, normals = rounded_box(np.full(3, radius), radius, segments)
     count = len(points)
     colours = np.broadcast_to(colours, (count, 3))
     return Mesh(
