@@ -1,8 +1,6 @@
-"""What a mesh file is by its beginning, and the files that it names: which and where they are; no mesh is loaded.
-
-obj: material libraries, and the textures that these name. gltf, glb: buffers and images. dae: images. ply: textures
-(`comment TextureFile`). stl, off, 3mf: none. What is no regular file (a pipe, a device) counts as missing.
-"""
+"""What a mesh file is by its beginning, and the files that it names: which and where they are; no mesh is loaded. obj:
+material libraries, and the textures that these name. gltf, glb: buffers and images. dae: images. ply: textures
+(`comment TextureFile`). stl, off, 3mf: none. What is no regular file (a pipe, a device) counts as missing."""
 
 import contextlib
 import io

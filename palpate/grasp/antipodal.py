@@ -1,8 +1,6 @@
 """Grasps across an object: the hand is placed about two opposing surface points, and closes with friction and a grip.
-
 Pairs are sampled as in ACRONYM (Eppner, Mousavian, Fox 2021): from a surface point a ray goes into the object, within
-the friction cone of the normal; where it leaves the object it has to be within the friction cone there.
-"""
+the friction cone of the normal; where it leaves the object it has to be within the friction cone there."""
 
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache, partial

@@ -1,8 +1,6 @@
-"""An object's kept grasps, made again: frames of the closing hand from open to rest, and whether the grasps hold.
-
-A closing depends on the palm's pose and the servos' targets only: placements are drawn again with the grasps'
-generator, and kept ones simulated. Omitted are the other closings, and all checks of touch and penetration.
-"""
+"""An object's kept grasps, made again: frames of the closing hand from open to rest, and whether the grasps hold. A
+closing depends on the palm's pose and the servos' targets only: placements are drawn again with the grasps' generator,
+and kept ones simulated. Omitted are the other closings, and all checks of touch and penetration."""
 
 from collections.abc import Iterable, Iterator, Mapping
 

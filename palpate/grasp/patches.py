@@ -1,8 +1,6 @@
-"""An object's surface as many small convex pieces, which stop a finger at the true surface.
-
-Each patch is the hull of one surface piece of about a cell, thickened inwards a little. A convex hull of the
-object, or of its parts, would fill its hollows. A convex decomposition needs a watertight mesh and seconds.
-"""
+"""An object's surface as many small convex pieces, which stop a finger at the true surface. Each patch is the hull of
+one surface piece of about a cell, thickened inwards a little. A convex hull of the object, or of its parts, would fill
+its hollows. A convex decomposition needs a watertight mesh and seconds."""
 
 import numpy as np
 import trimesh

@@ -1,8 +1,6 @@
-"""Joints of a user's model that move together: which drives which, and where it puts them.
-
-Equalities of joints (a URDF's mimics, too), closed loops (`connect`, `weld`) and fixed tendons with an actuator make
-one mechanism, with one servo. Positions are solved from the model's own constraints; polynomials are fitted to them.
-"""
+"""Joints of a user's model that move together: which drives which, and where it puts them. Equalities of joints (a
+URDF's mimics, too), closed loops (`connect`, `weld`) and fixed tendons with an actuator make one mechanism, with one
+servo. Positions are solved from the model's own constraints; polynomials are fitted to them."""
 
 import mujoco
 import numpy as np

@@ -1,7 +1,5 @@
-"""Cellphones: panels with screens and keys, alone or joined by a hinge or slide; antennas, bumpers, cameras.
-
-Metres; a phone stands upright along z, its screen faces +x, its middle is near the origin.
-"""
+"""Cellphones: panels with screens and keys, alone or joined by a hinge or slide; antennas, bumpers, cameras. Metres; a
+phone stands upright along z, its screen faces +x, its middle is near the origin."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,8 +1,6 @@
-"""The procedural classes; objects by class and index, as scenes and as files: GLB, or OBJ with MTL and textures.
-
-Solids with materials become closed, textured meshes of a bounded number of faces, smoothly deformed as a whole: closed
-solids stay closed, and bounds of the parameters keep neighbours in their order.
-"""
+"""The procedural classes; objects by class and index, as scenes and as files: GLB, or OBJ with MTL and textures. Solids
+with materials become closed, textured meshes of a bounded number of faces, smoothly deformed as a whole: closed solids
+stay closed, and bounds of the parameters keep neighbours in their order."""
 
 import re
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 """Knives: one blade of any outline, with teeth and holes; handles, guards and pommels; folding knives half open.
-
-Metres; the long axis is y with the tip towards +y, the edge faces -z, the flat side faces +x. The blade begins at
-y = 0, its handle lies at y < 0 around z = 0.
-"""
+Metres; the long axis is y with the tip towards +y, the edge faces -z, the flat side faces +x. The blade begins at y =
+0, its handle lies at y < 0 around z = 0."""
 
 from collections.abc import Callable
 from types import SimpleNamespace

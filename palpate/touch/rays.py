@@ -1,7 +1,5 @@
-"""Depth maps by ray casting: Embree finds the face, its plane gives the depth in double precision.
-
-Only faces and pixels that can be in contact are traced.
-"""
+"""Depth maps by ray casting: Embree finds the face, its plane gives the depth in double precision. Only faces and
+pixels that can be in contact are traced."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any

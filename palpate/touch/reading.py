@@ -1,7 +1,5 @@
-"""What touch sensors report: depth maps, local clouds and readings, also of an elastic gel that is pressed.
-
-A pressed sensor's whole gel takes part, and its image shows a window of it.
-"""
+"""What touch sensors report: depth maps, local clouds and readings, also of an elastic gel that is pressed. A pressed
+sensor's whole gel takes part, and its image shows a window of it."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
-"""Images of objects alone and in the hand, with mask and depth; Blender renders, and comes with `Renderer`.
-
-It must be imported before what loads embree, as trimesh does: call `palpate.vision.blender.load()` in the first lines.
-"""
+"""Images of objects alone and in the hand, with mask and depth; Blender renders, and comes with `Renderer`. It must be
+imported before what loads embree, as trimesh does: call `palpate.vision.blender.load()` in the first lines."""
 
 from palpate.camera import Camera, looking_at, paper_camera
 from palpate.lazy import lazy_exports

@@ -1,7 +1,5 @@
 """COLLADA 1.4 and 1.5 (.dae): the scene's meshes where its nodes place them, with the colours of the common profile.
-
-Not by pycollada: it leaves out holes of polygons, parts whose material is missing, and what skins and morphs deform.
-"""
+Not by pycollada: it leaves out holes of polygons, parts whose material is missing, and what skins and morphs deform."""
 
 from collections.abc import Iterator
 from pathlib import Path

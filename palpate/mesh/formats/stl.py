@@ -1,8 +1,6 @@
-"""STL, binary or text. Its normals and the colours that some programs put into it are not read.
-
-Not by trimesh, which takes a binary file for text if bytes follow its triangles, and the words `vertex` and `solid` of
-a name for those of the format.
-"""
+"""STL, binary or text. Its normals and the colours that some programs put into it are not read. Not by trimesh, which
+takes a binary file for text if bytes follow its triangles, and the words `vertex` and `solid` of a name for those of
+the format."""
 
 import re
 from pathlib import Path
