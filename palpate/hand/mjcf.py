@@ -180,7 +180,8 @@ class _Reader:
         if not self.joints:
             raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
         faces = [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors]
-        rows = {"link": self.links, "joint": self.joints, "geom": [*map(self._geom, geoms)], "sensor": faces}
+        rows: dict[str, Any] = {"link": self.links, "joint": self.joints, "sensor": faces}
+        rows["geom"] = [self._geom(geom) for geom in geoms]
         reference = np.clip(model.qpos0[model.jnt_qposadr[self.numbers]], *coupled.range.T)
         read = Hand.from_rows(self.path.stem, rows, reference, self._anchor(description, geoms))
         opened = self._open(description.get("open"), read)
