@@ -29,7 +29,6 @@ DEFAULT, SCHEMA = "config/config.yaml", "workflow/schemas/config.schema.yaml"
 FILES = "the config (config/config.yaml with --configfile and --config)"  # as messages name it
 # Meshes that are opened, of each class in turn: so many at most, and so many bytes after the first.
 MOST_OPENED, MOST_BYTES = 24, 30_000_000
-SECONDS_A_MESH = 20.0
 TRIED = 3  # objects that are tried for the example of a class
 EXAMPLES, EXAMPLE_SECONDS = 6, 60.0  # classes that have one, at most; after this time no other begins
 COMPARED_BYTES = 300_000_000  # of files of one size, whose checksums are compared
@@ -69,8 +68,8 @@ def checked(path: str) -> str:
 
 def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     """What a config that fits the schema means; no mesh is opened. Relative paths are the project's. Raises
-    `ConfigError` and `catalogue.CatalogueError`, with the remedy, for a file that is missing or invalid, a source
-    without what is asked of it, keys that contradict each other, and a folder that has another run."""
+    `ConfigError` and `catalogue.CatalogueError`, with the remedy, for what is missing, invalid or contradictory, and
+    for another run's folder."""
     folder = str(Path(absolute(config["results"], project), config["run"]))
     catalogue.check_same_run(folder, config, project)
     settings, schemas, training = Path(project, "config"), Path(project, "workflow/schemas"), config["training"]
@@ -155,10 +154,15 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
             where = f", mm out of the surface of its link: {stated}" if surface else ": its x misses its link"
             say(f"  {sensor_name}{where}")
         pictures: dict[str, np.ndarray] = {}
-        for class_name, trials in _examples(looks, name).items():
+        by_class: dict[str, list[Look]] = defaultdict(list)  # those of the fewest faces first, no hulls
+        for opened in sorted(looks, key=lambda opened: opened.faces):
+            entry = opened.entry
+            if not opened.problem and (entry.object == name or not name and not catalogue.is_collision(entry.source)):
+                by_class[entry.class_name].append(opened)
+        for class_name in list(by_class)[:EXAMPLES]:
             if pictures and time.monotonic() - start > EXAMPLE_SECONDS:
                 break
-            for trial in trials:
+            for trial in by_class[class_name][:TRIED]:
                 say(f"{trial.entry.object}, through every stage:")
                 try:
                     made = make_example(trial.entry, root, config, settings.sensor, hand, Path(scratch))
@@ -197,7 +201,14 @@ def object_lines(settings: Settings, config: Mapping[str, Any], checksums: Mappi
         folders = source.class_folders(Path(source.path))
         without = [folder for folder in folders if source.class_of(folder) not in settings.classes]
         yield from (f"  no class: {folder} (no mesh in it)" for folder in without)
-    yield from (f"  {line}" for line in (*catalogue.unread_lines(source), *_unlike_lines(settings)))
+    yield from (f"  {line}" for line in catalogue.unread_lines(source))
+    unlike = defaultdict(list)  # mesh files, of some of many, that are something else by their content
+    looked = entries[:: 1 + len(entries) // MOST_READ] if source.kind in LAYOUTS else ()
+    for file in (file for entry in looked for file in (entry.source, *entry.others)):
+        path = Path(source.path, file)
+        if not named_files.unusable(path) and path.is_file() and (what := named_files.what_it_is(path)):
+            unlike[what].append(file)
+    yield from (f"  {len(files)} x {what} ({catalogue.listed(files, NAMED)})" for what, files in unlike.items())
     try:
         catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables")
     except catalogue.CatalogueError as error:
@@ -227,18 +238,6 @@ def _advice(files: Sequence[str], source: Source) -> str:
         if not advice and getattr(first, own) not in {getattr(other, own) for other in others}:
             advice = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; '
     return f"{advice}a line `{others[0]},yes` of source.objects (path,exclude) leaves a file out"
-
-
-def _unlike_lines(settings: Settings) -> Iterator[str]:
-    """Lines on mesh files, on some of many, that are something else by their content: a page, another format."""
-    unlike = defaultdict(list)
-    entries = settings.entries[:: 1 + len(settings.entries) // MOST_READ] if settings.source.kind in LAYOUTS else ()
-    for file in (file for entry in entries for file in (entry.source, *entry.others)):
-        path = Path(settings.source.path, file)
-        if not named_files.unusable(path) and path.is_file() and (what := named_files.what_it_is(path)):
-            unlike[what].append(file)
-    for what, files in unlike.items():
-        yield f"{len(files)} x {what} ({catalogue.listed(files, NAMED)})"
 
 
 class Look(NamedTuple):
@@ -280,19 +279,9 @@ def look(entry: SourceObject, root: Path) -> Look:
 
     path = root / entry.source
     try:
-        return Look(entry, *isolation.isolated(build.measure, path, entry.scale, root, seconds=SECONDS_A_MESH))
+        return Look(entry, *isolation.isolated(build.measure, path, entry.scale, root, seconds=20.0))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
         return Look(entry, problem=str(error).strip().splitlines()[-1].removeprefix(f"{path}: "))
-
-
-def _examples(looks: Sequence[Look], name: str | None) -> dict[str, list[Look]]:
-    """Meshes that are tried as examples, of some classes, of the fewest faces first, or of this name; no hulls."""
-    by_class: dict[str, list[Look]] = defaultdict(list)
-    for opened in sorted(looks, key=lambda opened: opened.faces):
-        entry = opened.entry
-        if not opened.problem and (entry.object == name or not name and not catalogue.is_collision(entry.source)):
-            by_class[entry.class_name].append(opened)
-    return {class_name: by_class[class_name][:TRIED] for class_name in list(by_class)[:EXAMPLES]}
 
 
 def mesh_lines(

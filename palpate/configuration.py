@@ -12,8 +12,6 @@ from typing import Any
 import jsonschema
 import yaml
 
-CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
-
 
 class ConfigError(ValueError):
     """A config, catalogue or experiment that does not fit its schema; the message lists every difference."""
@@ -143,7 +141,7 @@ def _unusable(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
             yield from _unusable(item, (*where, str(key)))
     elif isinstance(value, float) and not math.isfinite(value):
         yield f"{place}: {value} is not a finite number"
-    elif isinstance(value, str) and CONTROL.search(value):
+    elif isinstance(value, str) and re.search(r"[\x00-\x1f\x7f-\x9f]", value):
         yield f"{place}: {value!r} has a line break or another control character: remove it"
 
 

@@ -1,8 +1,6 @@
-"""What a mesh file is by its beginning, and the files that it names: which and where they are; no mesh is loaded.
-
-obj: material libraries, and the textures that these name. gltf, glb: buffers and images. dae: images. ply: textures
-(`comment TextureFile`). stl, off, 3mf: none. What is no regular file (a pipe, a device) counts as missing.
-"""
+"""What a mesh file is by its beginning, and the files that it names: which and where they are; no mesh is loaded. obj:
+material libraries, and the textures that these name. gltf, glb: buffers and images. dae: images. ply: textures
+(`comment TextureFile`). stl, off, 3mf: none. What is no regular file (a pipe, a device) counts as missing."""
 
 import contextlib
 import io
@@ -158,12 +156,9 @@ def text(name: bytes) -> str:
 
 
 def find(path: Path, name: str, root: Path | str | None = None) -> str | None:
-    """A file that a mesh file names, relative to the mesh's folder; None if there is none, or outside the root, which
-    is by default the folder above the mesh's. Links on the way to the mesh, and within folders, may lead anywhere.
-
-    The first that exists of: the name in `FOLDERS`, without a comment, quotes or URI escapes if need be, without a
-    leading slash, and its last part beside the mesh.
-    """
+    """A file that a mesh file names, relative to the mesh's folder; None if there is none, or outside the root (by
+    default the folder above). Links may lead anywhere. The first that exists of: the name in `FOLDERS`, without a
+    comment, quotes or URI escapes if need be, without a leading slash, and its last part beside the mesh."""
     plain = name.strip().replace("\\", "/")
     bare = without_comment(plain).strip('"')
     for form in dict.fromkeys((plain, bare, unquote(plain), unquote(bare))) if len(name) <= LONGEST else ():

@@ -129,12 +129,9 @@ class Sensor:
 
     @property
     def colour_table(self) -> Mapping[str, Any] | None:
-        """Colours over normals that stand for the lights, or None.
-
-        `polynomial`: rows of red, green and blue, 1 for `diffuse` grey levels, of the monomials of degree 1 to `normal`
-        in the normal's y and z, times those of degree 0 to `place` in the pixel's y and z (-1 to 1 over the image).
-        `steepest`: length of the normal's (y, z) beyond which the colour stays.
-        """
+        """Colours over normals in place of lights, or None. `polynomial`: rows of red, green and blue, 1 for `diffuse`
+        grey levels, of the monomials of degree 1 to `normal` in the normal's y and z, times those of degree 0 to
+        `place` in the pixel's (-1 to 1 over the image). `steepest`: length of (y, z) beyond which the colour stays."""
         return self.lights if isinstance(self.lights, Mapping) and "polynomial" in self.lights else None
 
     @property
@@ -160,11 +157,9 @@ class Sensor:
     def from_description(
         cls, description: Mapping[str, Any], background: np.ndarray | None = None, what: str = "a sensor"
     ) -> "Sensor":
-        """The sensor of a description, as a file or a store has it.
-
-        background: the image of the untouched gel, used if the description has one. what: name for error messages.
-        Raises `ConfigError` for a description that does not fit `SCHEMA`, an impossible gel or light.
-        """
+        """The sensor of a description, as a file or a store has it; background: the untouched gel's image, used if it
+        has one; what: name for messages. Raises `ConfigError` for what does not fit `SCHEMA`, an impossible gel or
+        light."""
         check(dict(description), SCHEMA, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
         resolution, gel = description["resolution"], description["gel"]
@@ -236,11 +231,8 @@ def shipped() -> list[str]:
 
 
 def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """The keys of a sensor's file, and of the one that it extends; `background` as a path that can be opened.
-
-    below: the files that extend it. Raises `ConfigError`, naming the file, if it can't be read or has no keys, for an
-    invalid `background`, and for files that extend each other.
-    """
+    """The keys of a sensor's file, and of the one that it extends (below: those that extend it); `background` as a path
+    that can be opened. Raises `ConfigError`, naming the file, for one that can't be used, or that extends itself."""
     description = read_yaml(path)
     if not isinstance(description, dict):
         raise ConfigError(f"{path}: expected the keys of a sensor, as in {SHIPPED / 'digit.yaml'}")

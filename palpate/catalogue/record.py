@@ -82,7 +82,16 @@ def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path 
         return
     try:
         recorded = read_yaml(path)
-        lines = _differences(recorded, config, project)
+        before, now = (Source.from_config(keys, project) for keys in (recorded, config))
+        if before.kind == now.kind == "procedural":  # made in the run's folder, which may have been moved
+            before = replace(before, path=now.path)
+        pairs = {f"source.{key}": (old, getattr(now, key)) for key, old in asdict(before).items()}
+        pairs["seed"] = pairs.pop("source.seed")
+        lines = [f"{key}: {old} there, {new} in this config" for key, (old, new) in pairs.items() if old != new]
+        # Folders come and go, so `all` against `all` is no change of the config.
+        if not lines and not recorded["classes"] == config["classes"] == "all":
+            without = sorted(set(class_counts(recorded, before)) - set(class_counts(config, now)))
+            lines += [f"classes: {', '.join(without)} there, not in this config"] * bool(without)
     except (ConfigError, KeyError, TypeError) as error:
         raise CatalogueError(
             f"{path} is damaged ({type(error).__name__}): remove it if this config is that of the run in {folder}"
@@ -94,22 +103,6 @@ def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path 
             f"To go on with the run that is there: --configfile {path}. "
             f"To replace it: remove {folder}; or remove {path} to make again just what differs."
         )
-
-
-def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project: Path | str) -> list[str]:
-    """A line for each key that makes two configs those of different runs."""
-    before, now = (Source.from_config(keys, project) for keys in (recorded, config))
-    if before.kind == now.kind == "procedural":  # made in the run's folder, which may have been moved
-        before = replace(before, path=now.path)
-    pairs = {f"source.{key}": (old, getattr(now, key)) for key, old in asdict(before).items()}
-    pairs["seed"] = pairs.pop("source.seed")
-    lines = [f"{key}: {old} there, {new} in this config" for key, (old, new) in pairs.items() if old != new]
-    if not lines and not recorded["classes"] == config["classes"] == "all":
-        # Folders come and go, so `all` against `all` is no change of the config.
-        without = set(class_counts(recorded, before)) - set(class_counts(config, now))
-        if without:
-            lines.append(f"classes: {', '.join(sorted(without))} there, not in this config")
-    return lines
 
 
 def write_record(folder: Path | str, config: Mapping[str, Any]) -> None:

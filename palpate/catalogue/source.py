@@ -1,13 +1,26 @@
-"""The source of a run's meshes: what the config says of it, and the layouts of data sets as they are published."""
+"""The source of a run's meshes: what the config says of it, and a user's table; the layouts of published data sets.
 
+The table is a CSV file of class, split, up axis, scale, and files that are left out:
+
+    path,class,split,up,scale,exclude
+    002_master_chef_can,can,test,,,        a file or a folder below the source's path: all meshes in it
+    mugs/blue.glb,,train,y,0.001,
+    mugs/blue_old.glb,,,,,yes
+
+An empty field specifies nothing. Of several rows the one of the longest path counts, field by field.
+"""
+
+import csv
+import os
 import re
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
 
-from palpate.configuration import absolute, read_yaml
+from palpate.catalogue.split import SPLITS
+from palpate.configuration import ConfigError, absolute, read_yaml
 from palpate.mesh import FORMATS
 from palpate.released.layout import subfolders
 
@@ -59,6 +72,13 @@ class Source:
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None
         return cls(**section, seed=config.get("seed", 0))
 
+    def opened(self) -> "tuple[Path, ObjectTable]":
+        """Its folder, and what users say of its objects. Raises CatalogueError if the folder is missing."""
+        root = Path(self.path)
+        if not root.is_dir():
+            raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {self.kind} source")
+        return root, read_object_table(self.objects, self.path) if self.objects else ObjectTable()
+
     @property
     def patterns(self) -> list[str]:
         """The patterns of its mesh files, the best first; of kinds with a layout."""
@@ -88,3 +108,96 @@ class Source:
                 "synset number (eight digits)"
             )
         return SYNSETS[class_name]
+
+
+TABLE_COLUMNS = ("path", "class", "split", "up", "scale", "exclude")
+EXCLUDE = {"yes": "yes", "true": "yes", "1": "yes", "x": "yes", "no": "no", "false": "no", "0": "no"}
+VALUES = {  # of a column: a pattern, and how messages say it; scales are those of the config's schema
+    "split": ("|".join(SPLITS), ", ".join(SPLITS)),
+    "up": ("[xyz]", "x, y, z"),
+    "scale": (
+        r"diagonal|keep|(?=[\d.]*[1-9])\d{1,6}(\.\d*)?([eE]-\d\d?)?",
+        "diagonal, keep, metres a unit of the file (0.001)",
+    ),
+    "exclude": ("yes|no", "yes, no"),
+}
+TABLE_BYTES = 1 << 28  # of the file: a million rows have less
+
+
+class Given(NamedTuple):
+    """What is specified for an object; an empty string where nothing is."""
+
+    class_name: str = ""
+    split: str = ""
+    up: str = ""
+    scale: str = ""
+    exclude: str = ""
+
+
+class ObjectTable(dict[str, Given]):
+    """The rows of a file, by path relative to the source's."""
+
+    @property
+    def gives_classes(self) -> bool:
+        """Whether an object's class may be another than its folder says."""
+        return any(given.class_name for given in self.values())
+
+    def of(self, path: str, class_name: str) -> Given:
+        """What is specified for a mesh file; class_name: its class if no row gives it another."""
+        places = (path, *map(str, PurePosixPath(path).parents)) if self else ()
+        rows = [self[place] for place in places if place in self]
+        return Given(*(next(filter(None, values), "") for values in zip(*rows, Given(class_name), strict=True)))
+
+
+def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
+    """The rows of a CSV file in UTF-8 with a header, some of `TABLE_COLUMNS`; root: the source's path. Raises
+    ConfigError, naming file, line and remedy, for what can't be, a missing path, or two rows about one thing."""
+    if os.path.exists(path) and not (os.path.isfile(path) and os.path.getsize(path) <= TABLE_BYTES):
+        raise ConfigError(f"{path}: no file, or over {TABLE_BYTES >> 20} MiB: set source.objects to a CSV file")
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            header = [(name or "").strip() for name in reader.fieldnames or []]
+            reader.fieldnames = header
+            rows = [(reader.line_num, row) for row in reader]
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}: set source.objects to a CSV file that exists") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{path}: no CSV file in UTF-8 ({error}): save it as one") from None
+    if not {"path"} <= set(header) <= set(TABLE_COLUMNS) or len(set(header)) < len(header):
+        raise ConfigError(
+            f"{path}: its header is {', '.join(header) or 'missing'}: expected path, and any of "
+            f"{', '.join(TABLE_COLUMNS)}, each once, separated by commas"
+        )
+    table = ObjectTable()
+    for line, row in rows:
+        place = f"{path}, line {line}"
+        if None in row or None in row.values():
+            raise ConfigError(f"{place}: {len(header)} fields are expected, as in the header: add or remove commas")
+        values = {name: value.strip() for name, value in row.items()}
+        if not any(values.values()):
+            continue
+        if not values["path"]:
+            raise ConfigError(f"{place}: the path is empty: fill in that of a mesh file or a folder")
+        try:
+            full = Path(os.path.normpath(root / Path(values["path"]).expanduser()))
+            key = full.relative_to(os.path.normpath(root)).as_posix()
+        except (ValueError, RuntimeError):
+            raise ConfigError(
+                f"{place}: {values['path']} is not below {root}: paths are relative to source.path"
+            ) from None
+        if not full.exists():  # as macOS writes names, or as others do
+            forms = (unicodedata.normalize(form, key) for form in ("NFC", "NFD"))
+            key = next((form for form in forms if os.path.exists(os.path.join(root, form))), "")
+            if not key:
+                raise ConfigError(f"{place}: {full}: no such file or folder: correct the path, or remove the line")
+        if key in table:
+            raise ConfigError(f"{place}: there is a line for {key} already: remove one of them")
+        given = dict.fromkeys(TABLE_COLUMNS, "") | values
+        given["class"] = unicodedata.normalize("NFC", given["class"])
+        given["exclude"] = EXCLUDE.get(given["exclude"].lower(), given["exclude"])
+        for name, (pattern, expected) in VALUES.items():
+            if given[name] and not re.fullmatch(pattern, given[name]):
+                raise ConfigError(f"{place}: {name} {given[name]!r}: expected {expected}, or nothing")
+        table[key] = Given(*(given[name] for name in TABLE_COLUMNS[1:]))
+    return table

@@ -14,12 +14,11 @@ from unicodedata import normalize
 
 from palpate import shapes
 from palpate.batch import UnusableObject, generator
-from palpate.catalogue.object_table import ObjectTable, read_object_table
-from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source, subfolders
+from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, ObjectTable, Scale, Source
 from palpate.catalogue.variants import is_general, of_one_object
 from palpate.configuration import ConfigError
 from palpate.named_files import HEAD, UNREAD, unusable
-from palpate.released.layout import SURFACES, read_released
+from palpate.released.layout import SURFACES, read_released, subfolders
 
 log = logging.getLogger(__name__)
 
@@ -52,21 +51,25 @@ class SourceObject(NamedTuple):
 
 
 def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
-    """The objects of a run, class by class in the order asked for, within a class by name; procedural objects whether
-    their files have been written or not.
-
-    classes: the number of objects of each class, or "all". Of more objects than asked for, those are taken whose names
-    have the smallest hashes: an even choice, the same on every machine.
-
-    Raises `CatalogueError` for an unknown class, a missing folder, no mesh, fewer than asked for, or a link that leads
-    nowhere; `ConfigError` for the file of `objects`.
-    """
+    """The objects of a run, class by class in the order asked for, within a class by name; procedural ones whether
+    their files are there or not. classes: the number of objects of each, or "all"; of more, those with the smallest
+    hashes are taken. Raises `CatalogueError` for an unknown class, a missing folder, no mesh, fewer than asked for, or
+    a link that leads nowhere; `ConfigError` for the file of `objects`."""
     if not classes:
         raise CatalogueError("no classes: name at least one, with a number of objects or `all`")
-    _check_classes(classes)
+    file_names: dict[str, str] = {}
+    for name, count in classes.items():
+        if not re.fullmatch(CLASS_NAME, str(name)):
+            raise CatalogueError(
+                f"class {name!r}: use letters, digits, spaces, '_', '.' and '-', beginning with a letter, digit or '_'"
+            )
+        if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
+            raise CatalogueError(f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}")
+        if (twin := file_names.setdefault(file_name(name), name)) != name:
+            raise CatalogueError(f"classes {twin!r} and {name!r} would have files of one name: rename one of them")
     if source.kind == "procedural":
         return _turned(source, (entry for name, count in classes.items() for entry in _procedural(source, name, count)))
-    root, table = _opened(source)
+    root, table = source.opened()
     if source.kind in LAYOUTS and not table.gives_classes and not source.has_class_folders and len(classes) > 1:
         raise CatalogueError(
             f"source {source.kind} has one class, the config has {', '.join(classes)}: keep one of them, or say which "
@@ -112,17 +115,14 @@ def style_of(name: str, class_name: str, seed: int) -> str:
 
 
 def all_classes(source: Source) -> dict[str, Count]:
-    """Every class that a source holds, with all of its objects: what `classes: all` stands for.
-
-    A class is a folder of the source's path that isn't hidden and holds a mesh, at any depth (one that holds none is
-    omitted with a warning). A source without folders of classes has one, `ONE_CLASS`, but for what `objects` says.
-    Raises `CatalogueError` if the folder is missing or holds none, and for procedural objects, which have no end.
-    """
+    """Every class of a source, with all objects: `classes: all`. A class is a folder of the source's path that isn't
+    hidden and holds a mesh, at any depth; without folders of classes there is `ONE_CLASS`, but for what `objects` says.
+    Raises `CatalogueError` if the folder is missing or holds none, and for procedural objects, which have no end."""
     if source.kind == "released":
         return dict.fromkeys([released.class_name for released in _released(source)], "all")
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
-    root, table = _opened(source)
+    root, table = source.opened()
     changes = table.gives_classes or any(given.exclude == "yes" for given in table.values())
     if source.has_class_folders and not source.pattern and not changes:
         folders = source.class_folders(root)
@@ -167,29 +167,6 @@ def class_counts(config: Mapping[str, Any], source: Source) -> dict[str, Count]:
     return dict(rows)
 
 
-def _opened(source: Source) -> tuple[Path, ObjectTable]:
-    """The folder of a source, and what users say of its objects. Raises CatalogueError if the folder is missing."""
-    root = Path(source.path)
-    if not root.is_dir():
-        raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {source.kind} source")
-    return root, read_object_table(source.objects, source.path) if source.objects else ObjectTable()
-
-
-def _check_classes(classes: Mapping[str, Count]) -> None:
-    """Raise CatalogueError for a class's name or number that can't be used."""
-    file_names: dict[str, str] = {}
-    for name, count in classes.items():
-        if not re.fullmatch(CLASS_NAME, str(name)):
-            raise CatalogueError(
-                f"class {name!r}: use letters, digits, spaces, '_', '.' and '-', beginning with a letter, digit or '_'"
-            )
-        if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
-            raise CatalogueError(f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}")
-        twin = file_names.setdefault(file_name(name), name)
-        if twin != name:
-            raise CatalogueError(f"classes {twin!r} and {name!r} would have files of one name: rename one of them")
-
-
 def _no_mesh(source: Source) -> str:
     """The message about a source in which no mesh is found."""
     message = f"{source.path}: no mesh found for {' or '.join(source.patterns)}"
@@ -207,9 +184,21 @@ def _candidates(source: Source, class_name: str | None, table: ObjectTable) -> l
         for entry in _of_pattern(source, pattern, class_name)
         if table.of(entry.source, "").exclude != "yes"
     )
-    if not source.pattern:
-        _warn_of_folders_without(source, class_name, entries)
-    return _without_general_names(entries) if source.kind == "folder" else entries
+    by_class, place = source.has_class_folders, Path(source.path)
+    if not source.pattern and "*" not in source.patterns[0].split("/")[-1] and (class_name or not by_class):
+        place /= source.folder_of(class_name) if by_class and class_name else ""
+        without = set(subfolders(place)) - {entry.object for entry in entries} if place.is_dir() else ()
+        if without:  # of the objects' folders of a published layout
+            log.warning("%s: no mesh in %d models: %s", place, len(without), listed(sorted(without)))
+    if source.kind != "folder":
+        return entries
+    # Named by their folders where a file's name says nothing: `003_can/textured`, alone there.
+    steps = [(entry, [entry.class_name, *entry.object.split("/")]) for entry in entries]
+    below = Counter(tuple(path[:end]) for _, path in steps for end in range(2, len(path) + 1))
+    for _, path in steps:
+        while len(path) > 2 and is_general(path[-1]) and below[tuple(path[:-1])] == 1:
+            path.pop()
+    return [entry._replace(object="/".join(path[1:])) for entry, path in steps]
 
 
 def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterator[SourceObject]:
@@ -263,28 +252,18 @@ def _matches(root: Path, pattern: str, folder: str) -> Iterator[str]:
 
 def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[str]:
     """Mesh files, or those of other suffixes, at any depth. Links are followed, but to a folder around them."""
+
+    def returns(below: Path) -> bool:
+        """Whether a folder is a link to one that contains it: following it would never end."""
+        above = (Path(os.path.realpath(each)) for each in below.parents if each == folder or folder in each.parents)
+        return below.is_symlink() and any(parent.is_relative_to(os.path.realpath(below)) for parent in above)
+
     for place, folders, files in os.walk(folder, followlinks=True):
-        folders[:] = [name for name in folders if not name.startswith(".") and not _returns(folder, Path(place, name))]
+        folders[:] = [name for name in folders if not name.startswith(".") and not returns(Path(place, name))]
         within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files
         for name in files:
             if suffix.search(name) and not name.startswith("."):
                 yield name if within == "." else f"{within}/{name}"
-
-
-def _returns(top: Path, folder: Path) -> bool:
-    """Whether a folder below `top` is a link to a folder that contains it: following it would never end."""
-    above = (Path(os.path.realpath(each)) for each in folder.parents if each == top or top in each.parents)
-    return folder.is_symlink() and any(parent.is_relative_to(os.path.realpath(folder)) for parent in above)
-
-
-def _warn_of_folders_without(source: Source, class_name: str | None, entries: Iterable[SourceObject]) -> None:
-    """Name the objects' folders of a published layout in which no mesh is."""
-    in_classes, place = source.has_class_folders, Path(source.path)
-    if "*" in source.patterns[0].split("/")[-1] or (in_classes and class_name is None):
-        return
-    place /= source.folder_of(class_name) if in_classes and class_name else ""
-    if place.is_dir() and (without := sorted(set(subfolders(place)) - {entry.object for entry in entries})):
-        log.warning("%s: no mesh in %d models: %s", place, len(without), listed(without))
 
 
 def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
@@ -303,16 +282,6 @@ def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
         for best, *others in objects:
             chosen.append(group[best]._replace(others=tuple(sorted(group[other].source for other in others))))
     return chosen
-
-
-def _without_general_names(entries: Iterable[SourceObject]) -> list[SourceObject]:
-    """The entries, named by their folders where a file's name says nothing: `003_can/textured`, alone there."""
-    steps = [(entry, [entry.class_name, *entry.object.split("/")]) for entry in entries]
-    below = Counter(tuple(path[:end]) for _, path in steps for end in range(2, len(path) + 1))
-    for _, path in steps:
-        while len(path) > 2 and is_general(path[-1]) and below[tuple(path[:-1])] == 1:
-            path.pop()
-    return [entry._replace(object="/".join(path[1:])) for entry, path in steps]
 
 
 def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:

@@ -96,12 +96,9 @@ def splits_of(
     seed: int = 0,
     groups: Iterable[Sequence[str]] = (),
 ) -> dict[str, str]:
-    """The split of each object by name: the one that the source or the user gives, or that of its name, by the ratios
-    (`fill`), or with `held_out: styles` by its style (CatalogueError for objects without one).
-
-    ratios: the config's `split`. seed: of procedural objects. groups: names of objects that are copies (`copies`): they
-    are in the split that one of them is given, or else in that of the first; several that are given stay.
-    """
+    """The split of each object by name: that given by the source or the user, else by its name and the config's `split`
+    (`fill`), or with `held_out: styles` by its style (CatalogueError without one). groups: names of `copies`, which are
+    in the split that one of them is given, or else in that of the first; several that are given stay."""
     given, of_class = ({entry.object: getattr(entry, key) for entry in entries} for key in ("split", "class_name"))
     shares = {split: ratios[split] for split in SPLITS}
     first = {name: name for name in given} | {name: group[0] for group in groups for name in group}
@@ -130,10 +127,8 @@ def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[st
 
 
 def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
-    """Groups of objects, by name, that are copies: of one checksum, or of boxes and areas that agree to `ALIKE`.
-
-    checksums: of all objects, in order; an empty one tells nothing. shapes: of some, as `palpate.mesh.facts` has them.
-    """
+    """Groups of objects, by name, of one checksum, or with boxes and areas that agree to `ALIKE`. checksums: of all
+    objects, in order; an empty one tells nothing. shapes: of some, as `palpate.mesh.facts` has them."""
     import numpy as np
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -258,12 +253,9 @@ def mesh_files(path: Path, root: Path | str) -> list[Path]:
 
 
 def source_checksums(known: Path, files: Mapping[str, Sequence[Path]], root: Path | str) -> dict[str, str]:
-    """The `checksum` of each object by name; empty for a file that is missing, or can't be a mesh's. They decide
-    whether a batch's table is made again.
-
-    known: <run>/catalogue/.<batch>.json, which keeps sizes and times of each object's files, and their checksum: only
-    files with others are read again. files: of each object, as `mesh_files` has them. root: of the sources.
-    """
+    """The `checksum` of each object by name; empty for a file that is missing, or can't be a mesh's. known: a file that
+    keeps sizes and times of each object's files, and their checksum: only files with others are read again. files: of
+    each object, as `mesh_files` has them. root: of the sources."""
     try:
         before = json.loads(known.read_text())
     except (OSError, ValueError):

@@ -1,8 +1,6 @@
 """Grasps across an object: the hand is placed about two opposing surface points, and closes with friction and a grip.
-
 Pairs are sampled as in ACRONYM (Eppner, Mousavian, Fox 2021): from a surface point a ray goes into the object, within
-the friction cone of the normal; where it leaves the object it has to be within the friction cone there.
-"""
+the friction cone of the normal; where it leaves the object it has to be within the friction cone there."""
 
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache, partial
@@ -39,10 +37,8 @@ BESIDE_FACING = np.cos(np.radians(45))
 
 
 class AntipodalGrasper(Grasper):
-    """A `Grasper` that places the hand across the object, and closes it with a grip.
-
-    A grasp's `more` are the arrays that the contract has for such grasps.
-    """
+    """A `Grasper` that places the hand across the object, and closes it with a grip. A grasp's `more` are the arrays
+    that the contract has for such grasps."""
 
     simulation: GripSimulation
 
@@ -174,9 +170,8 @@ def oppositions(workspace: Workspace) -> Oppositions:
 def place(
     workspace: Workspace, ways: Oppositions, pair: np.ndarray, surface: Surface, rng: np.random.Generator
 ) -> dict[str, np.ndarray] | None:
-    """A hand about a pair of points (2, 3): the main gels `CLEARANCE` off them along the line from the first to the
-    second, turned about it at random; None if the hand can't reach so. In the object's frame, by the contract's names:
-    `start_pose`, `start_positions`, `target_positions` and `sensor_side`."""
+    """A hand about a pair of points (2, 3): the main gels `CLEARANCE` off them along their line, turned about it at
+    random; None if the hand can't reach so. In the object's frame, by the contract's names."""
     width = np.linalg.norm(pair[1] - pair[0])
     axis = (pair[1] - pair[0]) / width
     near = np.argsort(np.abs(ways.width - width - 2 * CLEARANCE), kind="stable")[: 8 * TRIED]
@@ -216,12 +211,10 @@ def place(
 def reach(
     workspace: Workspace, joints: np.ndarray, sensors: np.ndarray, goal: np.ndarray, inward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse kinematics of some sensors at once, which may share joints, within ranges, in the palm's frame.
-
-    joints: (n, J) to start from; goal, inward: (n, t, 3), or (t, 3), where the gels of `sensors` (t,) shall be and
-    look. Returns joint positions (n, J), and by how much each gel is off (n, t, 6): its place, m, and its direction, by
-    `DIRECTION_LENGTH`.
-    """
+    """Inverse kinematics of some sensors at once, which may share joints, within ranges, in the palm's frame. joints:
+    (n, J) to start from; goal, inward: (n, t, 3), or (t, 3), where the gels of `sensors` (t,) shall be and look.
+    Returns joint positions (n, J), and by how much each gel is off (n, t, 6): place, m, and direction, by
+    `DIRECTION_LENGTH`."""
     hand, goals = workspace.hand, np.zeros((2, len(joints), len(workspace.hand.sensor_link), 3))
     goals[0][:, sensors], goals[1][:, sensors] = goal, inward
     best, off = joints, np.full((len(joints), len(sensors), 6), np.inf)

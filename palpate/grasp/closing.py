@@ -39,15 +39,10 @@ class Closed(NamedTuple):
 
 
 class GraspSimulation:
-    """One object, as convex patches, and one hand whose palm can be put anywhere. Frame: the object's own.
-
-    Omitted, because the result is the same: visual geometry (nothing collides with it), gravity (servos would carry the
-    hand's weight), the object's degrees of freedom (it is held), pairs of palm and object (neither moves, and they are
-    apart), pairs of the object's patches.
-
-    Not modelled, by choice: friction, with which fingers stick where they touch first, and loose objects, which the
-    first finger pushes away to an unknown pose.
-    """
+    """One object, as convex patches, and one hand whose palm can be put anywhere. Frame: the object's own. Omitted,
+    because the result is the same: visual geometry, gravity (servos would carry the hand), the object's degrees of
+    freedom (it is held), pairs of palm and object (neither moves, and they are apart) and of the object's patches. Not
+    modelled, by choice: friction, with which fingers stick, and loose objects, which the first finger pushes away."""
 
     loose = False  # whether the object can move
     sides: np.ndarray  # of a grip: `palpate.grasp.hold`

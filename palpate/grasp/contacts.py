@@ -94,9 +94,9 @@ def pad_forces(found: Contacts, links: np.ndarray, rotation: np.ndarray) -> np.n
 def contact_arrays(
     frames: Sequence[Contacts], links: np.ndarray, position: np.ndarray, rotation: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The contacts of f frames by the names that the contract has for them, (f, ...), and the sensors' wrenches; links,
-    position, rotation: as for `sensor_wrenches`, of each frame. `contact_count` counts all contacts; of the others the
-    `SLOTS` with the largest forces are kept, and slots without a contact are 0."""
+    """The contacts of f frames by the contract's names, (f, ...), and the sensors' wrenches; links, position, rotation:
+    as for `sensor_wrenches`, of each frame. `contact_count` counts all; the `SLOTS` with the largest forces are kept;
+    empty slots are 0."""
     arrays = {"contact_count": np.array([len(frame.force) for frame in frames])}
     for name in Contacts._fields[:-1]:
         columns = [getattr(frame, name)[:SLOTS] for frame in frames]
@@ -122,10 +122,9 @@ def cone_margin(contacts: Contacts, friction: float) -> float:
 
 
 def wrench_radius(contacts: Contacts, friction: float, centre: np.ndarray, length: float) -> float:
-    """Radius (N) of the largest ball of wrenches, about `centre` (3,), that the contacts resist with normal forces
-    whose sum is that at rest: the distance to the nearest facet of the hull of their cones' edges (Ferrari and Canny,
-    1992). Torques count over `length` (m). 0 if some wrench is not resisted at all. All contacts are with the object.
-    """
+    """Radius (N) of the largest ball of wrenches, about `centre` (3,), that the contacts, all with the object, resist
+    with normal forces whose sum is that at rest: the distance to the nearest facet of the hull of their cones' edges
+    (Ferrari and Canny, 1992). Torques count over `length` (m). 0 if some wrench is not resisted at all."""
     position, normal = contacts.position[:MOST], contacts.normal[:MOST]
     turn = 2 * np.pi * np.arange(EDGES) / EDGES
     edges = normal[:, None] + friction * np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ tangents(normal)

@@ -1,9 +1,6 @@
-"""An object's kept grasps, made again: frames of the closing hand from open to rest, and whether the grasps hold.
-
-A closing depends on the palm's pose and the servos' targets only. So placements are drawn again with the grasps'
-generator, and the closings of those that were kept are simulated again. Omitted are the closings that gave no kept
-grasp, and all checks of touch and penetration.
-"""
+"""An object's kept grasps, made again: frames of the closing hand from open to rest, and whether the grasps hold. A
+closing depends on the palm's pose and the servos' targets only: placements are drawn again with the grasps' generator,
+and kept ones simulated. Omitted are the other closings, and all checks of touch and penetration."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -34,11 +31,8 @@ def frame_steps(count: int, steps: int) -> np.ndarray:
 def kept_closings(
     grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, remedy: str = ""
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """The closings of an object's g kept grasps, as they were tried: number, palm pose (4, 4), servos' targets (J,).
-
-    Arguments as for `closing_frames`. Poses are in the object's own frame; the hand is placed there, open. Raises
-    DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
-    """
+    """The closings of g kept grasps, as they were tried: number, palm pose (4, 4) in the object's own frame, at which
+    the open hand is placed, servos' targets (J,). Arguments and errors as for `closing_frames`."""
     if "start_pose" in kept:
         for number, (pose, targets) in enumerate(zip(kept["start_pose"], kept["target_positions"], strict=True)):
             grasper.simulation.sides = kept["sensor_side"][number]
@@ -67,13 +61,10 @@ def closing_frames(
     remedy: str = "",
     with_contacts: bool = False,
 ) -> dict[str, np.ndarray]:
-    """The frames of an object's g kept grasps, by the names that the contract has for them: (g, f, ...), world frame.
-
-    grasper: as for the grasps. kept: the object's row of the grasps store. rng: as given to `grasp_object`.
-    with_contacts: also `palpate.grasp.contacts` of each. The last of the `count` frames equals the grasp bit for bit.
-    Raises DamagedFile, with the remedy, if it does not: the grasps were made with another version or on another kind of
-    processor; ValueError as `frame_steps` does.
-    """
+    """The frames of an object's g kept grasps, by the contract's names: (g, f, ...), world frame. kept: the object's
+    row of the grasps store. rng: as given to `grasp_object`. with_contacts: also `palpate.grasp.contacts` of each. The
+    last of the `count` frames equals the grasp bit for bit; raises DamagedFile, with the remedy, if it does not
+    (another version, or another kind of processor), ValueError as `frame_steps` does."""
     simulation, hand = grasper.simulation, grasper.hand
     steps = frame_steps(count, simulation.steps)
     time = steps * simulation.model.opt.timestep
@@ -104,12 +95,9 @@ def closing_frames(
 def hold_grasps(
     grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, remedy: str = ""
 ) -> dict[str, np.ndarray]:
-    """Whether each of an object's g kept grasps holds it, by the names that the contract has for the arrays.
-
-    Arguments as for `closing_frames`. An object that stays within the distance of the grasper's `hold` for its duration
-    is held. The simulation of a direction ends at the distance: dropped objects cost little. Raises DamagedFile, with
-    the remedy, if a placement of a kept grasp is not drawn again.
-    """
+    """Whether each of g kept grasps holds its object, by the contract's names: whether it stays within the distance of
+    the grasper's `hold` for its duration. A direction's simulation ends at the distance. Arguments and errors as for
+    `kept_closings`."""
     simulation, hold = grasper.loose_simulation, grasper.hold
     body, count = simulation.body, len(kept["palm_pose"])
     length = np.linalg.norm(grasper.collision.vertices - body.centre, axis=1).max()

@@ -22,9 +22,8 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT, Sensor
 from palpate.touch import RayCaster
 
-MAX_PLACEMENTS = 50  # random palm poses for one attempt
-SURFACE_POINTS = 4000  # of the object's points, those that placement and targets choose from
-WORKSPACE_SEED = 0  # the workspace belongs to the hand: the same for every object and run
+# The workspace belongs to the hand: the same for every object and run.
+workspace_of = lru_cache(maxsize=1)(lambda hand: Workspace(hand, np.random.default_rng(0)))
 
 # Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/evidence/grasps.md).
 THUMB_SHARE = 0.15
@@ -86,17 +85,14 @@ class Grasper:
         only_held: bool = False,
     ):
         """visual, collision: the object's meshes, with every face and decimated. surface_points: (N, 3) on its outside.
-        timestep: of the simulation, seconds. max_penetration: metres; a deeper grasp is not accepted. thumb_share: of
-        the attempts, in which the thumb closes too; with 1, more sensors touch than in the paper. sensor: the hand's
-        sensors, which decide what touches. hold: of the test whether a grasp holds, the config's keys `friction`,
-        `density`, `distance` and `duration`. only_held: whether others are not kept.
-
-        Raises what `check_hand` does, and UnusableObject for an object without a face.
-        """
+        timestep: s. max_penetration: m; a deeper grasp is not accepted. thumb_share: of the attempts, in which the
+        thumb closes too. sensor: of the hand; they decide what touches. hold: the config's `friction`, `density`,
+        `distance` and `duration`. only_held: whether others are not kept. Raises what `check_hand` does, and
+        UnusableObject for an object without a face."""
         self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
         self.hold, self.only_held = dict(hold or {}), only_held
         self.workspace = workspace_of(hand)
-        self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
+        self.surface = with_normals(surface_points[:4000], visual)  # those that placement and targets choose from
         self.collision, self.patches = collision, surface_patches(collision)
         if not self.patches:
             raise UnusableObject("the collision mesh has no surface that a finger could stop at")
@@ -158,10 +154,8 @@ class Grasper:
         return None if pose is None else (pose, rng.random() < self.thumb_share)
 
     def closed_at(self, pose: np.ndarray, targets: np.ndarray) -> Grasp | str:
-        """The grasp that closing towards `targets` (J,) gives, or the reason for failing.
-
-        pose: (4, 4), at which the simulation has been placed.
-        """
+        """The grasp that closing towards `targets` (J,) gives, or the reason for failing. pose: (4, 4), at which the
+        simulation has been placed."""
         closed = self.simulation.close(targets)
         if not closed.finite:
             return UNSTABLE
@@ -194,7 +188,7 @@ class Grasper:
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
         """A random palm pose (4, 4) at which the open hand is clear of the object; the simulation is put there."""
         open_hand = self.hand.open_joint_positions
-        for _ in range(MAX_PLACEMENTS):
+        for _ in range(50):
             pose = palm_pose(self.hand, self.surface, rng)
             self.simulation.place(pose, open_hand)
             # The engine never collides two bodies that can't move, such as palm and object: these are checked here.
@@ -225,16 +219,11 @@ def grasp_object(
     grasper_type: Callable[..., Grasper] = Grasper,
     **options: Any,
 ) -> GraspSet:
-    """Grasp an object: `attempts` grasps with at least one touch are made, of at most `max_attempts` attempts in all,
-    and the `per_object` with the most touches are kept, of equals the earlier.
-
-    surface_points: (N, 3) in the world frame, as the surface store has them. grasper_type: makes the object's grasper;
-    `palpate.grasp.grasper_type` has others. The other arguments are `Grasper`'s.
-
-    Returns the grasps in the world frame; the same generator gives the same.
-    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object without a
-    surface; ValueError for settings, a hand or points that can't be used.
-    """
+    """Grasp an object: `attempts` grasps with a touch are made, of at most `max_attempts` attempts in all, and the
+    `per_object` with the most touches kept, of equals the earlier. surface_points: (N, 3) in the world frame.
+    grasper_type: makes the grasper (`palpate.grasp.grasper_type`), with the options. Returns the grasps in the world
+    frame; the same generator gives the same. Raises `UnusableObject` for too few valid grasps or no surface; ValueError
+    for settings, a hand or points that can't be used."""
     if attempts < per_object:
         raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
@@ -260,9 +249,3 @@ def grasp_object(
     arrays["penetration"] = arrays["penetration"].astype(np.float32)
     arrays["more"] = {name: np.stack([grasp.more[name] for grasp in best]) for name in best[0].more}
     return GraspSet(**arrays, attempts=len(grasps) + discarded.total(), discarded=discarded, omitted=grasper.omitted)
-
-
-@lru_cache(maxsize=1)
-def workspace_of(hand: Hand) -> Workspace:
-    """The hand's workspace, made once a process."""
-    return Workspace(hand, np.random.default_rng(WORKSPACE_SEED))

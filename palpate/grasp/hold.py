@@ -17,14 +17,12 @@ from palpate.hand.model import ARM, STIFFNESS
 GRAVITY = 9.81  # m / s^2
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])  # +x, +y, +z, -x, -y, -z of the world
 RESTED = 0.1  # s in which forces come to rest
-CONDIM = 3  # contacts resist sliding; turning only as far as there are several
 
 # Of a grip.
 GAIN = 10 * STIFFNESS  # N m / rad: the object's weight moves the hand's servos by millimetres at most
 GRIPPED = 0.95  # share of the duration in which the grip grows and follows the fingers; then servos hold
 UPDATE = 5  # time steps after which the servos' targets follow the fingers
 STRONGEST = 4.0  # of the servos' limit, over the grip (of hinges at `ARM`): a driver may move two jaws
-IMPRATIO = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps by millimetres a second
 LEAST_MASS = 0.05  # kg, about a jaw's: fingers sink into lighter objects, whose contacts are as soft as they are light
 DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, as if it lay on a table
 
@@ -48,24 +46,16 @@ def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
 
 class HoldSimulation(GraspSimulation):
     """A `GraspSimulation` with a free object and friction. Gravity pulls the object only: servos would carry the hand.
-
-    Friction cones are elliptic: with pyramids a contact resists less along their diagonals.
-    """
+    Friction cones are elliptic: with pyramids a contact resists less along their diagonals."""
 
     loose, heavier = True, 1.0  # whether the object can move; of the simulated mass, over the object's
 
     def __init__(
-        self,
-        hand: Hand,
-        patches: list[np.ndarray],
-        body: Body,
-        friction: float,
-        timestep: float,
-        stiffness: float = STIFFNESS,
+        self, hand: Hand, patches: list[np.ndarray], body: Body, friction: float, timestep: float, **more: float
     ):
         """body, friction (the coefficient of all contacts): of the object; others as for `GraspSimulation`."""
         self.body, self.friction = body, friction
-        super().__init__(hand, patches, timestep, stiffness=stiffness)
+        super().__init__(hand, patches, timestep, **more)
 
     def specification(self) -> mujoco.MjSpec:
         """Hand and object as for a closing, with the object's weight and friction."""
@@ -73,7 +63,7 @@ class HoldSimulation(GraspSimulation):
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.compiler.balanceinertia = True  # of a thin plate, the sum of two moments may miss the third by rounding
         for geom in spec.geoms:
-            geom.condim, geom.friction = CONDIM, [self.friction, 0, 0]
+            geom.condim, geom.friction = 3, [self.friction, 0, 0]  # contacts resist sliding
         for body in spec.bodies:
             body.gravcomp = 1
         free, inertia = spec.body("object"), self.body.inertia
@@ -98,11 +88,9 @@ class HoldSimulation(GraspSimulation):
         duration: float,
         distance: float,
     ) -> float:
-        """The largest distance of the object's centre of mass from its place, m; NaN if the engine warned.
-
-        It starts at rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets`
-        (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.
-        """
+        """The largest distance (m) of the object's centre of mass from its place, within `duration` s or until it
+        exceeds `distance` m, from rest in the hand at these poses (4, 4) and (J,), servos holding `targets` (J,); NaN
+        if the engine warned."""
         model, data = self.model, self.data
         self.set_forces(gravity)
         self.place(palm_pose, joint_positions)
@@ -129,27 +117,17 @@ class HoldSimulation(GraspSimulation):
 class GripSimulation(HoldSimulation):
     """A `HoldSimulation` whose closing ends with a given force: the fingers of each of the two sides that touch the
     object press with `grip` N along the line between them, whatever the servos' gain. No gravity acts meanwhile.
-
-    `sides` (s,), to be set before a closing, are those of the object that the sensors press: -1 or 1, 0 for none.
-    """
+    `sides` (s,), to be set before a closing, are those of the object that the sensors press: -1 or 1, 0 for none."""
 
     def __init__(
-        self,
-        hand: Hand,
-        patches: list[np.ndarray],
-        body: Body,
-        friction: float,
-        timestep: float,
-        grip: float,
-        loose: bool = True,
-        stiffness: float = GAIN,
+        self, hand: Hand, patches: list, body: Body, *args: float, grip: float, loose: bool = True, **more: float
     ):
-        """grip: N. loose: whether the object can move. Others as for `HoldSimulation`."""
+        """grip: N. loose: whether the object can move. Others as for `HoldSimulation`; stiffness: by default `GAIN`."""
         self.grip, self.loose, self.heavier = grip, loose, max(1.0, LEAST_MASS / body.mass)
         body = body._replace(mass=self.heavier * body.mass, inertia=self.heavier * body.inertia)
-        super().__init__(hand, patches, body, friction, timestep, stiffness)
+        super().__init__(hand, patches, body, *args, **{"stiffness": GAIN, **more})
         model = self.model
-        model.opt.impratio = IMPRATIO
+        model.opt.impratio = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps
         limit = STRONGEST * grip * np.where(hand.joint_slides[self._drivers], 1.0, ARM)
         model.actuator_forcerange[:] = np.stack([-limit, limit], axis=-1)
         self._moves = sensor_joints(hand) @ (hand.joint_driver[:, None] == hand.joint_driver)[:, hand.drivers]

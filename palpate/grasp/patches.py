@@ -1,8 +1,6 @@
-"""An object's surface as many small convex pieces, which stop a finger at the true surface.
-
-Each patch is the hull of one surface piece of about a cell, thickened inwards a little. A convex hull of the
-object, or of its parts, would fill its hollows. A convex decomposition needs a watertight mesh and seconds.
-"""
+"""An object's surface as many small convex pieces, which stop a finger at the true surface. Each patch is the hull of
+one surface piece of about a cell, thickened inwards a little. A convex hull of the object, or of its parts, would fill
+its hollows. A convex decomposition needs a watertight mesh and seconds."""
 
 import numpy as np
 import trimesh
@@ -15,11 +13,9 @@ NARROWEST = 2e-5  # metres: narrower patches are skipped, for their hulls are de
 
 def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL) -> list[np.ndarray]:
     """Point sets (V, 3) whose convex hulls together are a thin shell on the inner side of the mesh's surface.
-
     Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the signed axis
     nearest to their normal; a group's vertices and a copy shifted inwards by `THICKNESS` are a patch. Faces without
-    area are omitted, and groups narrower than `NARROWEST`.
-    """
+    area are omitted, and groups narrower than `NARROWEST`."""
     triangles = split_long_edges(np.asarray(mesh.triangles), cell / 2)
     areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2  # along the normals
     has_area = areas.any(axis=1)

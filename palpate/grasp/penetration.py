@@ -16,11 +16,8 @@ COARSE = 0.016  # metres: longest edge of the triangles that are first sorted ou
 
 def deepest(triangles: np.ndarray, solid: np.ndarray, distance: Callable[..., np.ndarray]) -> float:
     """Depth of the deepest point of triangles (T, 3, 3), each in its own solid of the numbers `solid` (T,), or 0.
-
-    distance: signed distance (N,) of points (N, 3) to solids of numbers (N,), negative inside. It changes by
-    at most 1 m a metre: triangles whose centres are farther out than their radius are dropped. The others are halved
-    until measured points are at most `SPACING` apart.
-    """
+    distance: signed distance (N,) of points (N, 3) to solids (N,), negative inside, of slope 1 at most: triangles whose
+    centres are farther out than their radius are dropped, others halved until points are at most `SPACING` apart."""
     depth = 0.0
     while len(triangles):
         centres = (triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3
@@ -37,11 +34,8 @@ def deepest(triangles: np.ndarray, solid: np.ndarray, distance: Callable[..., np
 
 
 class PenetrationCheck:
-    """The depth of one hand in one object, and in itself. Frames: the object's own.
-
-    Omitted are faces whose bounding boxes are outside a link's, and pairs of links with a plane between them:
-    none of their points can be inside.
-    """
+    """The depth of one hand in one object, and in itself. Frames: the object's own. Omitted are faces whose bounding
+    boxes are outside a link's, and pairs of links with a plane between them: none of their points can be inside."""
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh):
         """mesh: the object's visual mesh, every face; it need not be closed."""

@@ -75,12 +75,9 @@ class Workspace:
         return position + self.contact_distance[:, None] * direction, direction
 
     def targets(self, palm_pose: np.ndarray, surface: Surface, thumb: bool = True) -> np.ndarray:
-        """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly so.
-
-        Of the points near its open gel that it can face, each finger takes the one that it comes nearest to, even if it
-        can't reach it: contact stops the finger. palm_pose: (4, 4) in the surface's frame. thumb: whether the fingers
-        of `sensor_thumb` close too.
-        """
+        """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly so: of those
+        near its open gel the one that it comes nearest to, even if out of reach, for contact stops the finger.
+        palm_pose: (4, 4) in the surface's frame. thumb: whether the fingers of `sensor_thumb` close too."""
         hand = self.hand
         points = (surface.points - palm_pose[:3, 3]) @ palm_pose[:3, :3]
         normals = surface.normals @ palm_pose[:3, :3]
@@ -105,11 +102,9 @@ class Workspace:
         return targets
 
     def solve(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inverse kinematics by Levenberg-Marquardt, within the joints' ranges, in the palm frame.
-
-        joints: (..., J) to start from; goal, inward: (..., s, 3) where each gel shall be and look. Returns joint
-        positions (..., J) and how far each gel is off (..., s), metres, with directions weighted by `DIRECTION_LENGTH`.
-        """
+        """Inverse kinematics by Levenberg-Marquardt, within the joints' ranges, in the palm frame. joints: (..., J) to
+        start from; goal, inward: (..., s, 3) where each gel shall be and look. Returns joint positions (..., J) and how
+        far each gel is off (..., s), metres, with directions weighted by `DIRECTION_LENGTH`."""
         low, high = self.hand.joint_range.T
         damping = np.full(goal.shape[:-1], DAMPING)
         error, jacobian = self.linearised(joints, goal, inward)

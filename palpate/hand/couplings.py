@@ -1,9 +1,6 @@
-"""Joints of a user's model that move together: which drives which, and where it puts them.
-
-Equalities of joints (a URDF's mimic joints among them), closed loops (`connect`, `weld`) and fixed tendons with an
-actuator make one mechanism of several joints, which gets one servo. Where its driver puts the others is solved from the
-model's own constraints; polynomials are fitted to that.
-"""
+"""Joints of a user's model that move together: which drives which, and where it puts them. Equalities of joints (a
+URDF's mimics, too), closed loops (`connect`, `weld`) and fixed tendons with an actuator make one mechanism, with one
+servo. Positions are solved from the model's own constraints; polynomials are fitted to them."""
 
 import mujoco
 import numpy as np
@@ -36,7 +33,17 @@ class Couplings:
         self.weight = np.where(stiffness > 0, SPRING * np.sqrt(stiffness), REFERENCE)
         self.rest = np.where(stiffness > 0, model.qpos_spring[self.positions], self.reference)
         self.tendons = np.zeros((0, count))  # rows that are 0 for joint positions less their reference
-        equalities, moments, tendons, unit = self._equalities(), self._moments(), [], np.eye(count)
+        equalities, tendons, unit = self._equalities(), [], np.eye(count)
+        # Moment arms about the joints, (A, J), of actuators that move them alone, also by a fixed tendon.
+        mujoco.mj_forward(model, self.data)
+        arms = np.zeros((model.nu, model.nv))
+        sparse = (getattr(self.data, f"moment_{name}") for name in ("rownnz", "rowadr", "colind"))
+        mujoco.mju_sparse2dense(arms, self.data.actuator_moment, *sparse)
+        kind, tendon = model.actuator_trntype, model.actuator_trnid[:, 0]
+        fixed = kind == mujoco.mjtTrn.mjTRN_TENDON
+        fixed[fixed] = model.wrap_type[model.tendon_adr[tendon[fixed]]] == mujoco.mjtWrap.mjWRAP_JOINT
+        alone = ~np.delete(arms, self.dofs, axis=1).any(axis=1) & arms.any(axis=1)
+        moments = arms[alone & (fixed | (kind == mujoco.mjtTrn.mjTRN_JOINT))][:, self.dofs]
         mechanism = connected_components(equalities.T.astype(int) @ equalities)[1]
         for row in moments:
             first, *others = np.flatnonzero(row)
@@ -49,19 +56,6 @@ class Couplings:
             self.data.eq_active[:] = equalities[:, members].any(axis=1)
             self.tendons = np.reshape([row for row in tendons if row[members].any()], (-1, count))
             self._couple(members, moments[moments[:, members].any(axis=1)])
-
-    def _moments(self) -> np.ndarray:
-        """Moment arms about the hand's joints, (A, J), of actuators that move them alone, also by a fixed tendon."""
-        model, data = self.model, self.data
-        mujoco.mj_forward(model, data)
-        moments = np.zeros((model.nu, model.nv))
-        sparse = data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        mujoco.mju_sparse2dense(moments, *sparse)
-        kind, tendon = model.actuator_trntype, model.actuator_trnid[:, 0]
-        fixed = kind == mujoco.mjtTrn.mjTRN_TENDON
-        fixed[fixed] = model.wrap_type[model.tendon_adr[tendon[fixed]]] == mujoco.mjtWrap.mjWRAP_JOINT
-        alone = ~np.delete(moments, self.dofs, axis=1).any(axis=1) & moments.any(axis=1)
-        return moments[alone & (fixed | (kind == mujoco.mjtTrn.mjTRN_JOINT))][:, self.dofs]
 
     def _equalities(self) -> np.ndarray:
         """Which joints each equality ties together, (E, J) bool; none if it is not active."""

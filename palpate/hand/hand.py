@@ -1,6 +1,6 @@
 """A robot hand as plain data: a tree of links on hinges and slides, closed geoms, and touch sensors; no engine."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,6 @@ MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itse
 # more than 0.0006.
 MAX_OUT_OF_RANGE = 0.001
 DURATION = 0.4  # s that a hand takes to close
-GEL_SEARCH = 0.05  # m in front of a sensor's origin searched for the surface of its link
 # Of `Hand`: attributes that are tuples; types of arrays that are not float, by the second word of their names.
 TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names", "joint_names")
 DTYPES = {"parent": int, "link": int, "driver": int, "slides": bool, "collides": bool, "thumb": bool}
@@ -86,26 +85,18 @@ class Hand:
             raise ValueError(f"hand {self.name!r} {problem}")
 
     @classmethod
-    def from_rows(
-        cls,
-        name: str,
-        links: Rows,
-        joints: Rows,
-        geoms: Rows,
-        sensors: Rows,
-        open_joint_positions: Sequence[float] | np.ndarray,
-        palm_anchor: np.ndarray,
-    ) -> "Hand":
-        """The hand of rows, attributes in order; geoms that collide do so with each other, but for `adjacent_links`."""
+    def from_rows(cls, name: str, rows: Mapping[str, Rows], opened: ArrayLike, palm_anchor: np.ndarray) -> "Hand":
+        """The hand of rows of each link, joint, geom and sensor, attributes in order, and its open joint positions.
+        Geoms that collide do so with each other, but for `adjacent_links`."""
         values: dict[str, Any] = {}
-        for group, rows in {"link": links, "joint": joints, "geom": geoms, "sensor": sensors}.items():
+        for group, own in rows.items():
             attributes = [field.name for field in fields(cls) if field.name.startswith(f"{group}_")]
-            columns: Iterable[tuple] = zip(*rows, strict=True) if rows else [()] * len(attributes)
+            columns: Iterable[tuple] = zip(*own, strict=True) if own else [()] * len(attributes)
             for attribute, column in zip(attributes, columns, strict=True):
                 dtype = DTYPES.get(attribute.split("_")[1], float)
                 values[attribute] = column if attribute in TUPLES else np.array(column, dtype=dtype)
         values["joint_range"] = values["joint_range"].reshape(-1, 2)
-        values |= {"open_joint_positions": np.array(open_joint_positions), "palm_anchor": palm_anchor}
+        values |= {"open_joint_positions": np.array(opened), "palm_anchor": palm_anchor}
         hand = cls(name, **values, colliding_pairs=np.zeros((0, 2), dtype=int))
         collides, link = hand.geom_collides, hand.geom_link
         meets = collides & collides[:, None] & ~hand.adjacent_links()[link, link[:, None]]
@@ -124,7 +115,7 @@ class Hand:
         """Metres (s,) from each sensor's origin to where its +x axis leaves its link's geoms; 0 if it misses them."""
         link_pose = self.forward(np.eye(4), self.open_joint_positions)
         position, rotation = self.sensor_frames(link_pose)
-        along, distances = np.linspace(0, GEL_SEARCH, 501), []
+        along, distances = np.linspace(0, 0.05, 501), []
         for link, start, axes in zip(self.sensor_link, position, rotation, strict=True):
             inside = self.signed_distance(start + along[:, None] * axes[:, 0], link_pose, links=[link]) < 0
             distances.append(along[inside].max(initial=0.0))
@@ -320,15 +311,11 @@ def half_spaces(vertices: np.ndarray) -> np.ndarray:
 
 def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     """The Allegro hand with four DIGITs as fingertips: 16 joints, four each of index, middle, ring finger and thumb.
-
     Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. gel_face: m from
-    the sensor frame to the gel's face, of another sensor in the DIGIT's place.
-    """
+    the sensor frame to the gel's face, of another sensor in the DIGIT's place."""
     given = yaml.safe_load(Path(__file__).with_name("allegro.yaml").read_text(encoding="utf-8"))
-    links: list[tuple] = [("palm", -1, (0, 0, 0), np.eye(3))]
-    joints: list[tuple] = []
-    geoms: list[tuple] = []
-    sensors: list[tuple] = []
+    rows: dict[str, list[tuple]] = {"link": [("palm", -1, (0, 0, 0), np.eye(3))], "joint": [], "geom": [], "sensor": []}
+    links, joints, geoms, sensors = rows.values()
 
     def add_box(link: int, centre: ArrayLike, half_extents: ArrayLike, colour: str) -> None:
         no_mesh = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
@@ -360,4 +347,4 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
 
     anchor = np.eye(4)
     anchor[:3, 3] = (palm["x"][1], 0, palm["anchor_height"])
-    return Hand.from_rows("allegro", links, joints, geoms, sensors, given["open"], anchor)
+    return Hand.from_rows("allegro", rows, given["open"], anchor)

@@ -25,7 +25,6 @@ FURTHEST_TURN, NARROWEST_TURNS = 4 * np.pi, 0.1
 DEGREES = 'does `<compiler angle="..."/>` say degree or radian rightly?'
 OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
 CLOSED = 0.005  # m between the middles of two gels that face each other, which no open hand has
-ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
 GROUPS = ("thumb", "opposes")  # of sensors
 
@@ -33,12 +32,10 @@ GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
 def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float = DIGIT.gel_face) -> Hand:
-    """A hand of hinges and slides from a model file; ConfigError, naming that or the sensors', for what can't be used.
-
-    sensors: a mapping, or a YAML file that holds one, with the keys that `schema.yaml` describes. gel_face: metres from
-    the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are omitted with a
-    warning. Every other joint gets a servo, or follows one that has, and keeps its range.
-    """
+    """A hand of hinges and slides from a model file; ConfigError, naming the file, for what can't be used. sensors: a
+    mapping or YAML file with the keys of `schema.yaml`. gel_face: m from the sensors' frames to the gel's face. The
+    palm's frame is its body's, whose joints are omitted with a warning; others get a servo, or follow one that has, in
+    their range."""
     path, named = Path(path), f"the sensors of {path}" if isinstance(sensors, Mapping) else str(sensors)
     description = sensors if isinstance(sensors, Mapping) else read_yaml(sensors)
     check(description, SCHEMA, named)
@@ -59,7 +56,7 @@ def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[
         where = where if distance else "not on its x"
         where += f", out of the range of {sensor.name}" * bool(distance > sensor.range)
         message = f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
-        messages += [message] * bool(abs(off) > ON_GEL)
+        messages += [message] * bool(abs(off) > 0.002)
     position, rotation = hand.sensor_frames(hand.forward(np.eye(4), hand.open_joint_positions))
     gels = zip(hand.sensor_names, position + sensor.gel_face * rotation[:, :, 0], rotation[:, :, 0], strict=True)
     for (one, face, out), (other, other_face, other_out) in combinations(gels, 2):
@@ -157,7 +154,12 @@ class _Reader:
         # Planes and fields of the world, and those that are drawn only, are no part of a hand.
         solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
         geoms = [geom for geom in geoms if solid[geom] or (self.collides[geom] and model.geom_bodyid[geom])]
-        self._check_turns()
+        turns = [(name, *limits) for _, _, slides, limits, name in self.joints if not slides and limits.any()]
+        for name, low, high in turns:
+            if max(-low, high) > FURTHEST_TURN:
+                raise ValueError(f"the hinge of {name!r} turns from {low:g} to {high:g} rad: {DEGREES}")
+        if turns and len(turns) == len(self.joints) and max(high - low for _, low, high in turns) < NARROWEST_TURNS:
+            raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
         coupled = Couplings(model, self.numbers)
         for number, joint in enumerate(self.joints):
             joint[3], joint[5:] = coupled.range[number], [coupled.driver[number], coupled.coefficients[number]]
@@ -177,15 +179,11 @@ class _Reader:
             raise ConfigError(f"{self.source}: `opposes` names all sensors: name those of one side of an object")
         if not self.joints:
             raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
-        read = Hand.from_rows(
-            self.path.stem,
-            self.links,
-            self.joints,
-            [self._geom(geom) for geom in geoms],
-            [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors],
-            np.clip(model.qpos0[model.jnt_qposadr[self.numbers]], *coupled.range.T),
-            self._anchor(description, geoms),
-        )
+        faces = [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors]
+        rows: dict[str, Any] = {"link": self.links, "joint": self.joints, "sensor": faces}
+        rows["geom"] = [self._geom(geom) for geom in geoms]
+        reference = np.clip(model.qpos0[model.jnt_qposadr[self.numbers]], *coupled.range.T)
+        read = Hand.from_rows(self.path.stem, rows, reference, self._anchor(description, geoms))
         opened = self._open(description.get("open"), read)
         opposing = np.isin(names, opposes) if opposes else None
         colliding = self._colliding(read, geoms)
@@ -199,15 +197,6 @@ class _Reader:
             known = (getattr(self.model, kind)(number).name for number in range(getattr(self.model, f"n{kind}")))
             names = ", ".join(filter(None, known))
             raise ConfigError(f"{self.source}: {self.path} has no {kind} {name!r}, but {names or 'none'}") from None
-
-    def _check_turns(self) -> None:
-        """Raise ValueError if hinges turn so far or so little that degrees and radians must have been confused."""
-        turns = [(name, *limits) for _, _, slides, limits, name in self.joints if not slides and limits.any()]
-        for name, low, high in turns:
-            if max(-low, high) > FURTHEST_TURN:
-                raise ValueError(f"the hinge of {name!r} turns from {low:g} to {high:g} rad: {DEGREES}")
-        if turns and len(turns) == len(self.joints) and max(high - low for _, low, high in turns) < NARROWEST_TURNS:
-            raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
 
     def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
         """Joint positions (J,) of the open hand; those that are not given are at the reference, or follow."""
@@ -233,9 +222,8 @@ class _Reader:
         return hand.follow(np.clip(start, *hand.joint_range.T))
 
     def _colliding(self, hand: Hand, geoms: list[int]) -> np.ndarray:
-        """Those of a hand's (P, 2) `colliding_pairs` that a bit of the one's contype and the other's conaffinity lets
-        collide and no `exclude` forbids, and each `pair`, as MuJoCo has it. geoms: the model's numbers of the hand's.
-        """
+        """Those of the `colliding_pairs` (P, 2) whose contype and conaffinity let them collide and no `exclude`
+        forbids, and each `pair`, as MuJoCo has it. geoms: the model's numbers of the hand's."""
         model, body = self.model, self.model.geom_bodyid[geoms]
         meets = (model.geom_contype[geoms, None] & model.geom_conaffinity[geoms]) != 0
         excluded = np.isin((body[:, None] << 16) + body, model.exclude_signature)

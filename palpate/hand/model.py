@@ -23,13 +23,10 @@ LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7  # of links without a volume of their own
 
 
 def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
-    """The hand as an `MjSpec`; bodies, joints and servos are named as their links. The palm is fixed to the world.
-
-    Joints without a servo follow their drivers by equalities. `stiffness`: the servos' gain in N m / rad (of slides
-    / ARM^2, N / m), critically damped against the armature. Links have the density of water, or less where the servos
-    couldn't stop them in time (`LARGEST_INERTIA`). Omitted are geoms that are only drawn, and contacts of the hand with
-    itself that are not in its `colliding_pairs`.
-    """
+    """The hand as an `MjSpec`; bodies, joints and servos are named as their links. The palm is fixed to the world;
+    joints without a servo follow by equalities. `stiffness`: the servos' gain in N m / rad (of slides / ARM^2, N / m),
+    critically damped. Links have the density of water, or less (`LARGEST_INERTIA`). Omitted are geoms that are only
+    drawn, and contacts of the hand with itself that are not in its `colliding_pairs`."""
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
     spec.compiler.degree = False
@@ -78,25 +75,20 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
     for one, other in hand.colliding_pairs[excluded[tuple(links.T)]]:
         spec.add_pair(geomname1=f"hand_geom_{one}", geomname2=f"hand_geom_{other}", condim=1)
-    lighten(spec, hand.open_joint_positions)
+    # As much density off all geoms that no joint has to move more than `LARGEST_INERTIA`, slides at `ARM`.
+    model = spec.compile()
+    model.qpos0[:] = hand.open_joint_positions
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    squared_arm = np.where(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, ARM**2, 1.0)  # a joint a degree of freedom
+    inertia = (squared_arm * (model.dof_M0 - model.dof_armature)).max(initial=0)
+    for geom in spec.geoms:
+        geom.density *= min(1.0, LARGEST_INERTIA / max(inertia, 1e-300))
     return spec
 
 
 def at_arm(constant: float, slides: bool) -> float:
     """A hinge's constant, divided by the square of `ARM` for a slide."""
     return constant / ARM**2 if slides else constant
-
-
-def lighten(spec: mujoco.MjSpec, joint_positions: np.ndarray) -> None:
-    """Take as much density off all geoms that no joint has to move more than `LARGEST_INERTIA`, slides at `ARM`."""
-    model = spec.compile()
-    model.qpos0[:] = joint_positions
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-    squared_arm = np.where(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, ARM**2, 1.0)  # a joint a degree of freedom
-    inertia = (squared_arm * (model.dof_M0 - model.dof_armature)).max(initial=0)
-    if inertia > LARGEST_INERTIA:
-        for geom in spec.geoms:
-            geom.density *= LARGEST_INERTIA / inertia
 
 
 def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> mujoco.MjsGeom:

@@ -44,7 +44,18 @@ def build(
     diagonal, factor = size(source, float(np.linalg.norm(box[1] - box[0])), scale, unit)
     for number, mesh in enumerate(parts):
         own = part == number
-        _rewrite(mesh, rotation, centre, factor, repaired.keep[own], repaired.flip[own])
+        normals, flip = mesh.metadata.pop("vertex_normals", None), repaired.flip[own]
+        turned = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
+        mesh.vertices = (mesh.vertices @ rotation.T - centre) * factor
+        mesh.faces = turned
+        mesh.update_faces(repaired.keep[own])
+        used = np.isin(np.arange(len(mesh.vertices)), mesh.faces)
+        mesh.update_vertices(used)
+        if normals is not None and len(mesh.faces):
+            normals = (normals @ rotation.T)[used]
+            against = np.einsum("ij,ij->i", normals, mesh.vertex_normals) < 0
+            # Of a cached property with a setter.
+            mesh.vertex_normals = np.where(against[:, None], -normals, normals)  # type: ignore[method-assign]
     # What is measured is what is written: single precision.
     vertices = ((repaired.vertices - centre) * factor).astype(np.float32).astype(np.float64)
     used, faces = np.unique(faces, return_inverse=True)
@@ -150,24 +161,6 @@ def joined(parts: Sequence[trimesh.Trimesh], source: Path) -> tuple[np.ndarray, 
         )
     vertices[~np.isfinite(vertices).all(axis=1)] = vertices[used[0]]  # of stray vertices, which are dropped
     return vertices, faces, part
-
-
-def _rewrite(
-    mesh: trimesh.Trimesh, turn: np.ndarray, centre: np.ndarray, scale: float, keep: np.ndarray, flip: np.ndarray
-) -> None:
-    """Move one part to the object's frame and apply the repairs to its faces; materials stay."""
-    normals = mesh.metadata.pop("vertex_normals", None)
-    faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
-    mesh.vertices = (mesh.vertices @ turn.T - centre) * scale
-    mesh.faces = faces
-    mesh.update_faces(keep)
-    used = np.isin(np.arange(len(mesh.vertices)), mesh.faces)
-    mesh.update_vertices(used)
-    if normals is not None and len(mesh.faces):
-        normals = (normals @ turn.T)[used]
-        against = np.einsum("ij,ij->i", normals, mesh.vertex_normals) < 0
-        # Of a cached property with a setter.
-        mesh.vertex_normals = np.where(against[:, None], -normals, normals)  # type: ignore[method-assign]
 
 
 def _complete(tree: dict[str, Any], wraps: Sequence[tuple[str, str] | None]) -> None:

@@ -6,7 +6,6 @@ import pymeshlab
 from palpate.mesh import topology
 
 EXCESS = 1.1  # an open mesh with more than this many times the faces asked for is tried again with movable borders
-BORDER_WEIGHT = 10.0  # of the quadrics of movable borders' edges, over those of faces
 # Just enough for compact triangles in planes, where every collapse costs the same. pymeshlab's 0.001 bends edges: at
 # 1,000 faces a knife is 3.5 mm off with it and 0.2 mm without.
 PLANAR_WEIGHT = 1e-6
@@ -39,7 +38,7 @@ def _collapsed(
     # Cleaning would drop what collapsed to nothing, and so open closed meshes.
     meshes.meshing_decimation_quadric_edge_collapse(
         **{"targetfacenum": count, "targetperc": 0.0, "qualitythr": QUALITY, "optimalplacement": True},
-        **{"preserveboundary": fixed_borders, "boundaryweight": BORDER_WEIGHT, "preservenormal": True},
+        **{"preserveboundary": fixed_borders, "boundaryweight": 10.0, "preservenormal": True},
         **{"planarquadric": True, "planarweight": PLANAR_WEIGHT, "preservetopology": True},
         **{"qualityweight": False, "autoclean": False, "selected": False},
     )

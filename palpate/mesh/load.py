@@ -4,9 +4,8 @@ from pathlib import Path
 
 from palpate.batch import UnusableObject
 from palpate.mesh import FORMATS
-from palpate.mesh.files import Files
 from palpate.mesh.formats import collada, gltf, obj, off, ply, stl, threemf
-from palpate.mesh.part import Loaded
+from palpate.mesh.part import Files, Loaded
 from palpate.named_files import UNREAD, unusable, what_it_is
 
 # Imported with this module: objects are read in processes of their own, which would each import them.
@@ -15,11 +14,8 @@ READERS = {"obj": obj, "glb": gltf, "gltf": gltf, "stl": stl, "ply": ply, "off":
 
 def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict[str, str]]:
     """Every triangle mesh of a file, placed as the file says, nothing repaired, and what is wrong with files and parts
-    that it names (in root, as for `palpate.named_files.find`), by their names.
-
-    Raises `UnusableObject` if the file can't be read, holds no triangles, or refers to vertices that it lacks;
-    MemoryError, naming the file, if there is too little memory for it.
-    """
+    that it names (in root, as for `palpate.named_files.find`), by name. Raises `UnusableObject` if it can't be read,
+    has no triangles, or lacks vertices; MemoryError, naming the file."""
     path = Path(path)
     suffix = path.suffix.lower()
     kind = suffix.removeprefix(".")

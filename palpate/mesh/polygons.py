@@ -11,12 +11,9 @@ MOST_STARTS = 16  # corners of which a fan is tried: quicker than by ears
 
 
 def triangulate(vertices: np.ndarray, corners: np.ndarray, counts: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of polygons without holes, in their order, as (t, 3) places in `corners`, so that other attributes of
-    corners follow, and the polygon (t,) of each; none of polygons of fewer than three corners.
-
-    corners: numbers of vertices (n, 3), polygon by polygon; counts (p,): corners of each. One is a fan from its first
-    corner that sees all others; else ears are cut. Every corner stays one of a triangle: what is closed stays closed.
-    """
+    """Triangles of polygons without holes, in their order, as (t, 3) places in `corners`, and the polygon (t,) of each;
+    none of fewer than three corners. corners: numbers of vertices (n, 3), polygon by polygon; counts (p,): corners of
+    each. One is a fan from its first corner that sees all others; else ears are cut. What is closed stays closed."""
     counts = np.asarray(counts, dtype=np.int64)
     first = np.cumsum(counts) - counts
     made, owners = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]

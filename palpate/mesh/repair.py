@@ -230,9 +230,8 @@ def _inside_out(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray, clos
 
 
 def _seen_from_behind(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """Patches (p,) bool among the candidates whose back can be seen from outside more than their front: there more of
-    8 rays a side, from the centres of up to 16 faces of each patch, escape from the object (the idea of Takayama et al.
-    2014, A Simple Method for Correcting Facet Orientations)."""
+    """Patches (p,) bool among the candidates of whose backs more rays escape than of their fronts: 8 a side from the
+    centres of up to 16 faces (after Takayama et al. 2014, A Simple Method for Correcting Facet Orientations)."""
     index = np.flatnonzero(candidates[patch])
     index = index[np.argsort(patch[index], kind="stable")]
     start = np.r_[0, np.flatnonzero(np.diff(patch[index])) + 1]

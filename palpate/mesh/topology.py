@@ -10,14 +10,10 @@ def cross(triangles: np.ndarray) -> np.ndarray:
     return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
-def edges(faces: np.ndarray) -> np.ndarray:
-    """Directed edges (3 f, 2) of the faces (f, 3): row 3 i + k belongs to face i."""
-    return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-
-
 def edge_keys(faces: np.ndarray, directed: bool = False) -> np.ndarray:
-    """One int64 for each edge (3 f,), equal for equal edges: a number is faster to sort than a pair."""
-    pairs = edges(faces).astype(np.int64)
+    """One int64 for each edge (3 f,), equal for equal edges: a number is faster to sort than a pair. Number 3 i + k is
+    of face i."""
+    pairs = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     if not directed:
         pairs = np.sort(pairs, axis=1)
     return pairs[:, 0] << 32 | pairs[:, 1]

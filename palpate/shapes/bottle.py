@@ -79,7 +79,14 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     t = np.linspace(0, 1, 100)[1:]
     dome = np.float_power(1 - np.float_power(t, p.dome), p.hollow)
     shoulder = np.column_stack([neck + (radius - neck) * dome, end + t * (start - end)])
-    skin = evenly_turning(np.concatenate([np.column_stack([r, z]), shoulder]), rows)
+    skin = np.concatenate([np.column_stack([r, z]), shoulder])
+    # Closer rows where it curves: facets turn alike. A sharp corner needs one, a wall that may be bent some.
+    steps = np.diff(skin, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    turns = np.abs(np.diff(np.unwrap(arctan2(steps[:, 1], steps[:, 0]))))
+    place = np.append(0, np.cumsum(np.append(np.minimum(turns, 0.1), 0) + 0.7 * lengths / lengths.sum()))
+    chosen = np.searchsorted(place, np.linspace(0, place[-1], rows) - 1e-9)
+    skin = skin[np.unique(np.minimum(chosen, len(skin) - 1))]
     lip = np.array([(1, 0), (1, 0.3), (1 + p.finish, 0.34), (1 + p.finish, 0.66), (1, 0.7), (1, 1)])
     lip = np.column_stack([neck * lip[:, 0], start + (p.height - start) * lip[:, 1]])[1:]
     profile = np.concatenate([[(0.5 * r[0], 0)], skin, lip])
@@ -95,18 +102,6 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     x, y = section[..., 0], section[..., 1]
     return profile, np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-
-
-def evenly_turning(profile: np.ndarray, count: int) -> np.ndarray:
-    """Rows of a profile (k, 2), `count` at most, closer where it curves, so that the facets turn alike."""
-    steps = np.diff(profile, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    turns = np.abs(np.diff(np.unwrap(arctan2(steps[:, 1], steps[:, 0]))))
-    # A sharp corner needs one row; a straight wall that may be bent later needs some.
-    weights = np.append(np.minimum(turns, 0.1), 0) + 0.7 * lengths / lengths.sum()
-    place = np.append(0, np.cumsum(weights))
-    chosen = np.searchsorted(place, np.linspace(0, place[-1], count) - 1e-9)
-    return profile[np.unique(np.minimum(chosen, len(profile) - 1))]
 
 
 def cut_at(profile: np.ndarray, section: np.ndarray, z: float) -> np.ndarray:
@@ -174,7 +169,7 @@ def top(p: SimpleNamespace, rng: Generator, neck: float, radius: float) -> list[
         return [Part(upright(filleted(profile, [0, 0.1 * tall, 0]), squared), cap_look)]
     if p.top == "screw":
         return [Part(screw_cap(wide, h + 0.15 * neck - 0.7 * tall, 0.7 * tall, p.top_taper), cap_look)]
-    reach = min(p.reach * radius, 0.25 * h)
+    reach, turn, more = min(p.reach * radius, 0.25 * h), (0, 0, p.top_turn), []  # from here on they point to +y first
     if p.top == "nozzle":
         cone = [(0.55 * neck, end - 0.1 * neck), (0.45 * neck, end), (0.15 * neck, end + reach), (0, end + reach)]
         solid = collar + lathe(filleted(cone, 0.05 * neck), 48)
@@ -194,24 +189,15 @@ def top(p: SimpleNamespace, rng: Generator, neck: float, radius: float) -> list[
         span, low, high, thin = 0.85 * wide, end - 0.3 * neck, end + 0.7 * reach, 0.2 if p.top == "swing" else 0.45
         path = [(0, -span, low), (0, -span, high), (0, span, high), (0, span, low)]
         solid = collar + bent_bar(path, 0.6 * span, 2 * thin * neck, thin * neck, 3, 24)
-    else:
-        return trigger_head(p, rng, neck, reach, end, collar, cap_look)
-    return [Part(solid.rotate((0, 0, p.top_turn)), cap_look)]
-
-
-def trigger_head(
-    p: SimpleNamespace, rng: Generator, neck: float, reach: float, end: float, collar: Manifold, look: Material
-) -> list[Part]:
-    """A sprayer's head with nozzle and trigger, pointing to +y but for `top_turn`."""
-    rise, slope = rng.uniform(0.5, 1.6) * neck, rng.uniform(-0.2, 0.3) * neck
-    z, back = end + rise + neck, rng.uniform(0.8, 1.8) * neck
-    spine = [(0, -back, z - slope), (0, 0, z), (0, 1.2 * reach, z + 0.5 * slope)]
-    head = bent_bar(spine, neck, 1.4 * neck, 1.6 * neck, 3, 40)
-    stem = rod((0, 0, end - 0.3 * neck), (0, 0, z), 0.75 * neck)
-    drop, at = rng.uniform(1.6, 3.2) * neck, 0.75 * reach
-    path = [(0, at, z), (0, at + 0.4 * neck, z - 0.5 * drop), (0, at - 0.2 * neck, z - drop)]
-    trigger = bent_bar(path, neck, 0.8 * neck, 0.35 * neck, 3, 28)
-    nozzle = turned([(0.55 * neck, 0), (0.45 * neck, neck)], (0, 1.15 * reach, z + 0.4 * slope), (0, 1, 0), 32)
-    small = Material("trigger", tuple(int(c) for c in rng.integers(40, 230, 3)))
-    solids = (union([head, stem, collar]), look), (trigger + nozzle, small)
-    return [Part(solid.rotate((0, 0, p.top_turn)), material) for solid, material in solids]
+    else:  # a sprayer's head with nozzle and trigger
+        rise, slope = rng.uniform(0.5, 1.6) * neck, rng.uniform(-0.2, 0.3) * neck
+        z, back = end + rise + neck, rng.uniform(0.8, 1.8) * neck
+        spine = [(0, -back, z - slope), (0, 0, z), (0, 1.2 * reach, z + 0.5 * slope)]
+        head = bent_bar(spine, neck, 1.4 * neck, 1.6 * neck, 3, 40)
+        solid = union([head, rod((0, 0, end - 0.3 * neck), (0, 0, z), 0.75 * neck), collar])
+        drop, at = rng.uniform(1.6, 3.2) * neck, 0.75 * reach
+        path = [(0, at, z), (0, at + 0.4 * neck, z - 0.5 * drop), (0, at - 0.2 * neck, z - drop)]
+        trigger = bent_bar(path, neck, 0.8 * neck, 0.35 * neck, 3, 28)
+        trigger += turned([(0.55 * neck, 0), (0.45 * neck, neck)], (0, 1.15 * reach, z + 0.4 * slope), (0, 1, 0), 32)
+        more = [Part(trigger.rotate(turn), Material("trigger", tuple(int(c) for c in rng.integers(40, 230, 3))))]
+    return [Part(solid.rotate(turn), cap_look), *more]

@@ -1,7 +1,5 @@
-"""Cellphones: panels with screens and keys, alone or joined by a hinge or slide; antennas, bumpers, cameras.
-
-Metres; a phone stands upright along z, its screen faces +x, its middle is near the origin.
-"""
+"""Cellphones: panels with screens and keys, alone or joined by a hinge or slide; antennas, bumpers, cameras. Metres; a
+phone stands upright along z, its screen faces +x, its middle is near the origin."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +16,6 @@ from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, 
 
 AXES = (2, 0)
 GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
-LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
 Size = tuple[float, float, float]  # thickness, width and height, m
 PROUD, DEEP = 0.0002, 0.0012  # m that glass and keys stand off the shell, and are let into it
 
@@ -119,7 +116,11 @@ def front(
                 key_solids += navigation(p, face, top - tall / 2, inner, tall)
                 top -= 1.15 * tall
             rows, columns = (4, 3) if p.keys == "pad" else (4, 10)
-            key_solids += keypad(p, face, low, top, inner, rows, columns)
+            low = max(low, top - 0.85 * rows * inner / columns)
+            pitch_y, pitch_z = inner / columns, (top - low) / rows
+            wide, tall, cells = (1 - p.key_gap) * pitch_y, (1 - p.key_gap) * pitch_z, np.ndindex(rows, columns)
+            spots = [((c + 0.5) * pitch_y - inner / 2, low + (r + 0.5) * pitch_z) for r, c in cells]
+            key_solids += [plate(face, y, z, wide, tall, p.key_round * min(wide, tall), p.key_out) for y, z in spots]
     if key_solids:
         parts.append(Part(union(key_solids), Material("keys", choose(rng, "shell").colour, 0, 0.4)))
     return parts
@@ -137,17 +138,6 @@ def plate(
     """A rounded plate let into the face at x and standing out by `out`."""
     corner = min(corner, 0.49 * width, 0.49 * height)
     return slab((DEEP + out, width, height), corner, min(0.0004, 0.4 * out), (x + (out - DEEP) / 2, y, z))
-
-
-def keypad(
-    p: SimpleNamespace, face: float, low: float, high: float, width: float, rows: int, columns: int
-) -> list[Manifold]:
-    """Keys in a grid between two heights."""
-    low = max(low, high - 0.85 * rows * width / columns)
-    pitch_y, pitch_z = width / columns, (high - low) / rows
-    wide, tall = (1 - p.key_gap) * pitch_y, (1 - p.key_gap) * pitch_z
-    spots = [((c + 0.5) * pitch_y - width / 2, low + (r + 0.5) * pitch_z) for r in range(rows) for c in range(columns)]
-    return [plate(face, y, z, wide, tall, p.key_round * min(wide, tall), p.key_out) for y, z in spots]
 
 
 def navigation(p: SimpleNamespace, face: float, z: float, width: float, tall: float) -> list[Manifold]:
@@ -193,7 +183,7 @@ def back(p: SimpleNamespace, rng: Generator, thickness: float, width: float, hei
         rims = [disc(face, side + y * lens, top + z * lens, 1.2 * lens, -1, rise) for y, z in spots]
         parts.append(Part(union(rims), Material("island", (40, 40, 44), 0.5, 0.3)))
     lenses = [disc(face - rise, side + y * lens, top + z * lens, 0.85 * lens, -1, 0.0008) for y, z in spots]
-    return [*parts, Part(union(lenses), LENS)]
+    return [*parts, Part(union(lenses), Material("lens", (16, 18, 30), 0.2, 0.05))]
 
 
 def trim(p: SimpleNamespace, rng: Generator, size: Size, look: Material) -> list[Part]:

@@ -1,11 +1,9 @@
-"""The procedural classes; objects by class and index, as scenes and as files: GLB, or OBJ with MTL and textures.
-
-Solids with materials become closed, textured meshes of a bounded number of faces, smoothly deformed as a whole: closed
-solids stay closed, and bounds of the parameters keep neighbours in their order.
-"""
+"""The procedural classes; objects by class and index, as scenes and as files: GLB, or OBJ with MTL and textures. Solids
+with materials become closed, textured meshes of a bounded number of faces, smoothly deformed as a whole: closed solids
+stay closed, and bounds of the parameters keep neighbours in their order."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,9 +14,8 @@ from scipy.spatial import cKDTree
 from trimesh.exchange.obj import export_obj
 from trimesh.visual import TextureVisuals
 
-from palpate.shapes import CLASSES, bottle, cellphone, knife, rifle, suffix
+from palpate.shapes import CLASSES, bottle, cellphone, draw, knife, read, rifle, style_and_rng, suffix
 from palpate.shapes.materials import Part
-from palpate.shapes.parameters import draw, read, style_and_rng
 from palpate.shapes.solids import union
 
 # A module has AXES (the long one, that towards which objects bend) and build(parameters, rng).
@@ -46,10 +43,10 @@ def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
     by_material: dict[str, list[Part]] = {}  # in the order in which they first appear
     for part in family.build(p, rng):
         by_material.setdefault(part.material.name, []).append(part)
-    solids = bounded_faces({name: union(part.solid for part in group) for name, group in by_material.items()})
-    bounds, scene = bounds_of(solids.values()), trimesh.Scene()
-    for material, solid in solids.items():
-        raw, part = solid.to_mesh64(), by_material[material][0]
+    solids = bounded_faces([union(part.solid for part in group) for group in by_material.values()])
+    bounds, scene = bounds_of(solids), trimesh.Scene()
+    for (material, (part, *_)), solid in zip(by_material.items(), solids, strict=True):
+        raw = solid.to_mesh64()
         faces, vertices = np.asarray(raw.tri_verts, dtype=np.int64), np.asarray(raw.vert_properties)[:, :3]
         uv = part.uv(vertices) if part.material.picture else np.zeros((len(vertices), 2))
         visual = TextureVisuals(uv=uv, material=part.material.to_pbr())
@@ -85,7 +82,7 @@ def write(class_name: str, index: int, path: Path | str, seed: int = 0) -> Path:
     return path
 
 
-def bounds_of(solids: Iterable[Manifold]) -> np.ndarray:
+def bounds_of(solids: Sequence[Manifold]) -> np.ndarray:
     """Lowest and highest corner (2, 3) of all solids."""
     boxes = np.array([solid.bounding_box() for solid in solids])
     return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
@@ -103,24 +100,23 @@ def apart(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return vertices - GAP * moves[:, None] * normals
 
 
-def bounded_faces(solids: dict[str, Manifold]) -> dict[str, Manifold]:
+def bounded_faces(solids: Sequence[Manifold]) -> list[Manifold]:
     """Simplify where there are too many faces, then cut long edges, so that facets can bend."""
 
-    def count(solids: dict[str, Manifold]) -> int:
-        return sum(solid.num_tri() for solid in solids.values())
+    def count(solids: Sequence[Manifold]) -> int:
+        return sum(solid.num_tri() for solid in solids)
 
-    diagonal = float(np.linalg.norm(np.diff(bounds_of(solids.values()), axis=0)))
-    tolerance = SLIVER * diagonal
-    simple = {name: solid.simplify(tolerance) for name, solid in solids.items()}
+    diagonal = float(np.linalg.norm(np.diff(bounds_of(solids), axis=0)))
+    tolerance, edge = SLIVER * diagonal, EDGE * diagonal
+    simple = [solid.simplify(tolerance) for solid in solids]
     while count(simple) > SIMPLIFIED_FACES:
         tolerance *= 2
-        simple = {name: solid.simplify(tolerance) for name, solid in simple.items()}
-    edge = EDGE * diagonal
-    refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
+        simple = [solid.simplify(tolerance) for solid in simple]
+    refined = [solid.refine_to_length(edge) for solid in simple]
     for too_few in (True, False):
         while count(refined) < FEWEST_FACES if too_few else count(refined) > MOST_FACES:
             edge *= SHORTER if too_few else LONGER
-            refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
+            refined = [solid.refine_to_length(edge) for solid in simple]
     return refined
 
 

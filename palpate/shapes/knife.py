@@ -1,8 +1,6 @@
 """Knives: one blade of any outline, with teeth and holes; handles, guards and pommels; folding knives half open.
-
-Metres; the long axis is y with the tip towards +y, the edge faces -z, the flat side faces +x. The blade begins at
-y = 0, its handle lies at y < 0 around z = 0.
-"""
+Metres; the long axis is y with the tip towards +y, the edge faces -z, the flat side faces +x. The blade begins at y =
+0, its handle lies at y < 0 around z = 0."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -20,7 +18,6 @@ AXES = (1, 2)
 # m. A sharp edge's thickness: what a whetted edge has is below what a mesh in float32 and a sensor can tell.
 EDGE = 0.0004
 POINT = 0.0012  # m, height of a blade at its very tip
-STATIONS = 90  # along a blade
 Line = Callable[[ArrayLike], np.ndarray]  # heights z at shares of a length
 
 
@@ -49,7 +46,7 @@ def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
 
 def blade(p: SimpleNamespace) -> Manifold:
     """The blade, with what is cut into it, and a tang that reaches into the handle."""
-    t = 1 - np.float_power(1 - np.linspace(0, 1, STATIONS), 1.5)
+    t = 1 - np.float_power(1 - np.linspace(0, 1, 90), 1.5)
     y, tallest = t * p.length, p.height * p.length
     grown = p.heel + (1 - p.heel) * np.clip(t / 0.2, 0, 1) ** 2 * (3 - 2 * np.clip(t / 0.2, 0, 1))
     full = tallest * grown * (1 + p.bulge * np.sin(np.pi * t) ** 2)
@@ -58,7 +55,16 @@ def blade(p: SimpleNamespace) -> Manifold:
     rise = p.point * np.float_power(np.clip((t - p.belly) / (1 - p.belly), 0, 1), p.belly_power)
     back = middle + full * (0.5 - (1 - p.blunt) * drop)
     edge = middle + full * (-0.5 + (1 - p.blunt) * rise + p.wave * np.sin(2 * np.pi * t) * (1 - t))
-    solid = ground(y, back, edge, p.thickness * (1 - 0.5 * t), p.bevel, p.edges == "double")
+    # Where back and edge would meet or cross, the back stays above. Two edges are ground to both sides, as a dagger's.
+    tall, double = np.maximum(back - edge, POINT), p.edges == "double"
+    thick = np.minimum(p.thickness * (1 - 0.5 * t), tall)
+    sharp = np.minimum(EDGE, thick)
+    bevelled = edge + (0.5 if double else p.bevel) * tall
+    upper = bevelled if double else edge + 0.96 * tall
+    half = [(sharp / 2 if double else 0.94 * thick / 2, edge + tall), (thick / 2, upper)]
+    half += [(thick / 2, bevelled - 1e-5), (sharp / 2, edge)]
+    outline = [half[0], *((-x, z) for x, z in half), *half[:0:-1]]
+    solid = loft(np.stack([np.stack([x, y, z], -1) for x, z in outline], axis=1))
     tools = []
     if p.teeth != "none":
         line, deep = (edge, 0.3 * p.pitch) if p.teeth == "scallops" else (back, -0.45 * p.pitch)
@@ -88,25 +94,6 @@ def blade(p: SimpleNamespace) -> Manifold:
     reach = 0.3 * p.grip if p.fold == 0 else 0.02
     tang = box((0.7 * p.thickness, reach + 0.004, 0.3 * p.tall * p.grip), (0, 0.002 - reach / 2, 0))
     return cut(solid, tools) + tang
-
-
-def ground(
-    y: np.ndarray, spine: np.ndarray, edge: np.ndarray, thickness: np.ndarray, bevel: float = 0.5, double: bool = False
-) -> Manifold:
-    """A blade along y. y, spine, edge: (k,) positions, heights z of the back and of the edge; thickness: (k,) at the
-    back; bevel: share of the height that is ground to the edge; double: ground to both sides (a dagger)."""
-    # Where back and edge would meet or cross, the back stays above.
-    height = np.maximum(spine - edge, POINT)
-    thickness = np.minimum(thickness, height)
-    sharp = np.minimum(EDGE, thickness)
-    spine_half = sharp / 2 if double else 0.94 * thickness / 2
-    bevelled = edge + bevel * height
-    back = edge + 0.96 * height
-    if double:
-        bevelled = back = edge + height / 2
-    half = [(spine_half, edge + height), (thickness / 2, back), (thickness / 2, bevelled - 1e-5), (sharp / 2, edge)]
-    outline = [half[0], *((-x, z) for x, z in half), *half[:0:-1]]
-    return loft(np.stack([np.stack([x, y, z], -1) for x, z in outline], axis=1))
 
 
 def handle(p: SimpleNamespace, tall: float, wide: float) -> tuple[Manifold, Line]:

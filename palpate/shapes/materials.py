@@ -41,23 +41,16 @@ class Material:
         )
 
 
-def choose(
-    rng: Generator,
-    palette: str,
-    names: Sequence[str] = (),
-    metallic: float | None = None,
-    roughness: float | None = None,
-) -> Material:
-    """One of a palette's colours (or of `names` in it), a little lighter or darker, a little shifted."""
-    colours = PALETTES[palette]["colours"]
-    metallic = PALETTES[palette]["metallic"] if metallic is None else metallic
-    if roughness is None:
-        roughness = PALETTES[palette]["roughness"]
-        roughness = rng.uniform(*roughness) if isinstance(roughness, list) else roughness
+def choose(rng: Generator, palette: str, names: Sequence[str] = (), **shine: float) -> Material:
+    """One of a palette's colours (or of `names` in it), a little lighter or darker, a little shifted. shine: `metallic`
+    and `roughness`, in place of the palette's."""
+    look = PALETTES[palette] | shine
+    colours, roughness = look["colours"], look["roughness"]
+    roughness = rng.uniform(*roughness) if isinstance(roughness, list) else roughness
     names = names or list(colours)
     name = names[rng.integers(len(names))]
     colour = np.array(colours[name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
-    material = Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
+    material = Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), look["metallic"], roughness)
     if palette != "wood":
         return material
     height, width = 96, 384  # of a picture with the grain along its width

@@ -1,8 +1,5 @@
-"""Rifles: receiver, barrel, stock, grip, fore-end, magazine, sight, muzzle and what hangs below the barrel.
-
-Metres; the bore lies along y at z = 0, the muzzle towards +y; the receiver's back is at y = 0, the stock at y < 0;
-up is +z.
-"""
+"""Rifles: receiver, barrel, stock, grip, fore-end, magazine, sight, muzzle and what hangs below the barrel. Metres; the
+bore lies along y at z = 0, the muzzle towards +y; the receiver's back is at y = 0, the stock at y < 0; up is +z."""
 
 from dataclasses import replace
 from types import SimpleNamespace

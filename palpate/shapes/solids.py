@@ -1,7 +1,5 @@
-"""Closed solids that the CAD families are built of: lathed, lofted and swept, combined by manifold3d.
-
-Metres. Every function returns a `manifold3d.Manifold`: a closed, outward-facing solid of positive volume.
-"""
+"""Closed solids that the CAD families are built of: lathed, lofted and swept, combined by manifold3d. Metres. Every
+function returns a `manifold3d.Manifold`: a closed, outward-facing solid of positive volume."""
 
 import math
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
-"""Touch: from an object's mesh and the sensors' poses to depth maps, local point clouds and readings.
-
-Importing this package loads no engine: embree comes with the first use of a `RayCaster`.
-"""
+"""Touch: from an object's mesh and the sensors' poses to depth maps, local point clouds and readings. Importing this
+package loads no engine: embree comes with the first use of a `RayCaster`."""
 
 from palpate.lazy import lazy_exports
 

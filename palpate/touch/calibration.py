@@ -44,9 +44,6 @@ class Indentation(NamedTuple):
     punch_radius: float | None = None  # m, of a flat punch with a circular end
 
 
-Press = Callable[[Indentation, Sensor], tuple[np.ndarray, float]]
-
-
 class Calibration(NamedTuple):
     """A fitted sensor and the images it was fitted to and measured on, as the sensor's pixels: (n, r, c, 3) uint8."""
 
@@ -63,11 +60,9 @@ class Calibration(NamedTuple):
 def read_folder(
     folder: Path, ball_radius: float | None = None, circles: Path | None = None
 ) -> tuple[Path, list[Indentation]]:
-    """The untouched image of a folder and its other images: those of its table, or all, of a ball (m) then.
-
-    circles: CSV with a column `image` and any of the other fields of `Indentation`; default `circles.csv` in the
-    folder, if it is there. Raises `ConfigError` for an image or indenter that is missing, and numbers that are none.
-    """
+    """The untouched image of a folder and its other images: those of its table, or all, of a ball (m) then. circles:
+    CSV with a column `image` and any of the other fields of `Indentation`; default `circles.csv` in the folder, if it
+    is there. Raises `ConfigError` for an image or indenter that is missing, and numbers that are none."""
     images = sorted(path for path in Path(folder).iterdir() if path.suffix.lower() in SUFFIXES)
     images = [path for path in images if not path.with_suffix(".yaml").exists()]  # the background of a sensor
     untouched = [path for path in images if path.stem == "untouched"]
@@ -101,12 +96,9 @@ def read_folder(
 
 
 def find_circle(change: np.ndarray, ball: float) -> tuple[float, float, float]:
-    """Row, column and radius, in pixels, of the contact of a ball in an image less the untouched one (r, c, 3).
-
-    The centre is where the change's size is most symmetric under half a turn. Around it the size goes with the slope of
-    a half-space under a ball (Hertz; Johnson, Contact Mechanics, 1985, eq. 3.42), whose contact's radius is fitted.
-    ball: its radius, pixels.
-    """
+    """Row, column and radius, pixels, of a ball's contact in an image less the untouched one (r, c, 3); ball: its
+    radius. The change is most symmetric about the centre; its size goes with the slope of a half-space under a ball of
+    the fitted radius of contact (Hertz; Johnson, Contact Mechanics, 1985, eq. 3.42)."""
     from scipy import ndimage, signal
 
     size = np.abs(ndimage.gaussian_filter(change.astype(float), (1, 1, 0))).sum(axis=2)
@@ -135,12 +127,9 @@ def offsets(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray, ...]:
 
 
 def press_indenter(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray, float]:
-    """The face (r, c), m into the gel, that an indenter with a known centre makes, and the contact's radius, m.
-
-    row, column, radius: pixels of the sensor. Of a convex face the indenter goes in along the face's normal. A ball
-    without a depth goes in until the contact has its circle's area. Raises ValueError for a circle wider than the ball
-    and a contact outside the image.
-    """
+    """The face (r, c), m into the gel, under an indenter with a known centre (pixels of the sensor), and the contact's
+    radius, m. It goes in along a convex face's normal, a ball without a depth until its contact has the circle's area.
+    Raises ValueError for a circle wider than the ball and a contact outside the image."""
     layer, sag, (height, width) = Layer(**sensor.require_material()), sensor.face_sag, sensor.pixel
     given: tuple[Any, ...] = indentation
     _, row, column, radius, depth, ball, punch = given
@@ -180,14 +169,11 @@ def calibrate(
     ball_radius: float | None = None,
     circles: Path | None = None,
     table: bool = False,
-    press: Press = press_indenter,
+    press: Callable[[Indentation, Sensor], tuple[np.ndarray, float]] = press_indenter,
 ) -> Calibration:
-    """Fit a sensor's light to every second image of a folder (`read_folder`), and measure on the others.
-
-    sensor: its size, pixels and gel are kept; images are resized to its pixels. table: colours over normals rather than
-    lights. press: another geometry of the face, to compare with. Raises `ConfigError` for a folder or a gel that is not
-    as expected, ValueError for an impossible circle.
-    """
+    """Fit a sensor's light to every second image of a folder (`read_folder`), and measure on the others. sensor: its
+    size, pixels and gel are kept. table: colours over normals rather than lights. press: another geometry of the face.
+    Raises `ConfigError` for a folder or a gel that is not as expected, ValueError for an impossible circle."""
     sensor.require_material()
     untouched, indentations = read_folder(folder, ball_radius, circles)
     background = read_background(untouched, sensor.resolution)
@@ -235,9 +221,9 @@ def _place(indentation: Indentation, change: np.ndarray, sensor: Sensor) -> Inde
 
 
 def fit_lights(normal: np.ndarray, free: np.ndarray, change: np.ndarray) -> list[dict[str, Any]]:
-    """Distant lights that explain a change of grey levels (n, 3), where normals `free` (n, 3) have become `normal`.
-    Each has one colour; of each colour there are as many as lower the error. One by one, each begins where it explains
-    most of what is left; then all of the colour are fitted anew."""
+    """Distant lights, of one colour each, that explain a change of grey levels (n, 3), where normals `free` (n, 3) have
+    become `normal`: one by one, where each explains most of what is left, while the error falls; then all of a colour
+    anew."""
     from scipy.optimize import least_squares
 
     def shading(lights: np.ndarray) -> np.ndarray:

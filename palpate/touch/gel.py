@@ -58,10 +58,8 @@ class NotConverged(ArithmeticError):
 
 
 def response(wavenumber: np.ndarray, layer: Layer) -> Response:
-    """Responses (...) of the face to tractions of wavenumbers (...), rad/m; at 0 those to a uniform traction.
-
-    From the plane-strain solution of a layer that is bonded to a rigid base. All terms are divided by exp(2 k h).
-    """
+    """Responses (...) of the face to tractions of wavenumbers (...), rad/m; at 0 those to a uniform traction. From the
+    plane-strain solution of a layer that is bonded to a rigid base. All terms are divided by exp(2 k h)."""
     thickness, modulus, poisson = layer
     x = np.maximum(np.asarray(wavenumber) * thickness, 1e-9)  # the limit at 0, to rounding
     kolosov, decay = 3 - 4 * poisson, np.exp(-2 * x)
@@ -98,10 +96,8 @@ class Face:
         self.padded = tuple(fft.next_fast_len(n, real=True) for n in more)
 
     def _kernel(self, parts: Callable[[Response, np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-        """What `parts` makes of the response and the unit vector (y, z) of each wavenumber of the grid.
-
-        Multiplied by squares of sincs, since tractions are constant on pixels and displacements means over them.
-        """
+        """What `parts` makes of the response and the unit vector (y, z) of each wavenumber of the grid. Multiplied by
+        squares of sincs, since tractions are constant on pixels and displacements means over them."""
         steps = [2 * np.pi / edge for edge in self.pixel]
         rows = np.fft.fftfreq(self.padded[0])[:, None] * steps[0]
         columns = np.fft.rfftfreq(self.padded[1])[None] * steps[1]
@@ -252,48 +248,33 @@ def press(
         raise ValueError(f"a force of {force} N: expected a positive number")
     gel, area = face(layer, surface.shape, tuple(pixel), dtype), pixel[0] * pixel[1]
     gap = surface - surface[allowed].min()
-    start = _start(gap, layer, force / area, area)
+    # To begin with: springs, as stiff as the layer is for a wavelength of the contact's size.
+    order = np.sort(gap[allowed], axis=None)
+    count, below = np.arange(1, len(order) + 1), np.cumsum(order)
+    stiffness = 1 / response(np.pi / np.sqrt(count * area), layer).normal
+    last = int(np.flatnonzero(stiffness * (count * order - below) < force / area)[-1])
+    start = np.maximum((force / area / stiffness[last] + below[last]) / count[last] - gap, 0)  # also where gap is inf
+    start = start * (force / area / start.sum())
     pressure, indentation, approach = contact(gel.indentation, gap, force / area, start, tolerance)
     displacement = gel.spread(pressure)
     traction: np.ndarray = np.zeros((*surface.shape, 2), dtype)
     if np.any(slide) or twist:
-        traction = _friction(gel, pressure, np.asarray(slide, dtype), twist, friction, tolerance)
+        # Coulomb friction, by a second solve of the same form (Ciavarella's and Jaeger's theorem): full slip, less a
+        # correction q >= 0 that is 0 where the face slips. Tractions lie along the imposed motion at each pixel.
+        rows, columns = (np.arange(n) * edge for n, edge in zip(gel.shape, gel.pixel, strict=True))
+        z = rows[:, None] - (pressure.sum(axis=1) @ rows) / pressure.sum()
+        y = columns[None] - (pressure.sum(axis=0) @ columns) / pressure.sum()
+        to_y, to_z = np.asarray(slide, dtype)
+        imposed = np.stack(np.broadcast_arrays(to_y - twist * z, to_z + twist * y), axis=-1)
+        length = np.linalg.norm(imposed, axis=-1)
+        along = imposed / np.maximum(length, np.finfo(float).tiny)[..., None]
+
+        def moved(traction: np.ndarray) -> np.ndarray:
+            return (gel.shear(traction[..., None] * along) * along).sum(axis=-1)
+
+        slipping = friction * pressure
+        gap = np.where(pressure > 0, length - moved(slipping), np.inf)
+        correction = contact(moved, gap, None, slipping, tolerance)[0] if friction > 0 else slipping
+        traction = (slipping - np.minimum(correction, slipping))[..., None] * along
         displacement = displacement + gel.shear(traction)
     return Pressed(indentation, pressure, displacement, traction, force, approach, approach / layer.thickness)
-
-
-def _start(gap: np.ndarray, layer: Layer, total: float, area: float) -> np.ndarray:
-    """Pressures (r, c) of the given total to begin with: those of springs, as stiff as the layer for the contact."""
-    order = np.sort(gap[np.isfinite(gap)], axis=None)
-    count, below = np.arange(1, len(order) + 1), np.cumsum(order)
-    # Springs as stiff as the layer is for a wavelength of the contact's size.
-    stiffness = 1 / response(np.pi / np.sqrt(count * area), layer).normal
-    reached = stiffness * (count * order - below) < total
-    last = int(np.flatnonzero(reached)[-1])
-    depth = (total / stiffness[last] + below[last]) / count[last]
-    pressure = np.maximum(depth - gap, 0)  # also where gap is inf
-    return pressure * (total / pressure.sum())
-
-
-def _friction(
-    gel: Face, pressure: np.ndarray, slide: np.ndarray, twist: float, friction: float, tolerance: float
-) -> np.ndarray:
-    """Tractions (r, c, 2) of Coulomb friction after a slide and twist, by a second solve of the same form.
-
-    As Ciavarella's and Jaeger's theorem has it: full slip, less a correction q >= 0 that is 0 where the face slips.
-    Tractions are taken to lie along the imposed motion at each pixel; across it nothing is balanced.
-    """
-    rows, columns = (np.arange(n) * edge for n, edge in zip(gel.shape, gel.pixel, strict=True))
-    z = rows[:, None] - (pressure.sum(axis=1) @ rows) / pressure.sum()
-    y = columns[None] - (pressure.sum(axis=0) @ columns) / pressure.sum()
-    imposed = np.stack(np.broadcast_arrays(slide[0] - twist * z, slide[1] + twist * y), axis=-1)
-    length = np.linalg.norm(imposed, axis=-1)
-    along = imposed / np.maximum(length, np.finfo(float).tiny)[..., None]
-
-    def moved(traction: np.ndarray) -> np.ndarray:
-        return (gel.shear(traction[..., None] * along) * along).sum(axis=-1)
-
-    slipping = friction * pressure
-    gap = np.where(pressure > 0, length - moved(slipping), np.inf)
-    correction = contact(moved, gap, None, slipping, tolerance)[0] if friction > 0 else slipping
-    return (slipping - np.minimum(correction, slipping))[..., None] * along

@@ -21,9 +21,7 @@ _OFFSET = 1e-5  # m off the surface that rays start, far above their rounding
 
 # Reasons for which a point gives no press.
 BLOCKED = "no free way out along the sensor's axis"
-OBSTRUCTED = "something else meets the gel first"
 UNSETTLED = "the contact did not settle"
-THROUGH = "a force would press it through the gel"
 
 
 def press_object(
@@ -49,6 +47,8 @@ def press_object(
     depths are those at which the gel first touches the undeformed surface. Raises UnusableObject if `ATTEMPTS` points a
     press don't give enough of them; ConfigError for a sensor whose gel can't be pressed.
     """
+    import igl
+
     face, window = face_sensor(sensor), face_window(sensor)
     # From so far away the whole way is seen, and all that the gel could meet at its end.
     start = sensor.gel_face + CLEARANCE
@@ -56,7 +56,11 @@ def press_object(
     rays = caster.mesh
     draws = rng.random((ATTEMPTS * count, 5))
     points = np.asarray(surface_points, dtype=float)[(draws[:, 0] * len(surface_points)).astype(int)]
-    normals = _outward_normals(rays, points)
+    corners = rays.triangles.reshape(-1, 3)
+    _, face_on, _ = igl.point_mesh_squared_distance(points, corners, np.arange(len(corners)).reshape(-1, 3))
+    normals = rays.normals[face_on] / np.linalg.norm(rays.normals[face_on], axis=1, keepdims=True)
+    front, back = (ways_out(rays, points + side * _OFFSET * normals) for side in (1, -1))
+    normals = np.where((back > front)[:, None], -normals, normals)  # towards the side from which more ways lead out
     rotations = _sensor_axes(normals, draws[:, 1:4], tilt)
     axes = rotations[:, :, 0]
     free = ~rays.blocked(points + _OFFSET * normals, -axes, start) & (ways_out(rays, points - start * axes) > 0)
@@ -72,7 +76,7 @@ def press_object(
         depth = caster.trace(origin[None], rotation[None])[0].astype(float)
         travel = float((depth + face.face_sag).min()) - sensor.gel_face  # to the first touch
         if not CLEARANCE - (sensor.range - sensor.gel_face) <= travel < np.inf:  # else the point is then out of range
-            discarded[OBSTRUCTED] += 1
+            discarded["something else meets the gel first"] += 1
             continue
         depth -= travel
         depth[depth > face.range] = np.inf
@@ -83,7 +87,7 @@ def press_object(
             discarded[UNSETTLED] += 1
             continue
         if max(reading["strain"] for reading in readings) > 1:
-            discarded[THROUGH] += 1
+            discarded["a force would press it through the gel"] += 1
             continue
         pose = {"point": point, "normal": normal, "position": origin + travel * rotation[:, 0], "rotation": rotation}
         seen = depth[window].astype(np.float32)
@@ -93,17 +97,6 @@ def press_object(
         reasons = ", ".join(f"{reason}: {number}" for reason, number in sorted(discarded.items()))
         raise UnusableObject(f"{len(presses)} of {count} presses found at {len(points)} surface points ({reasons})")
     return stacked(presses), discarded
-
-
-def _outward_normals(rays: RayMesh, points: np.ndarray) -> np.ndarray:
-    """Unit normals (n, 3) of the faces that points (n, 3) are on, towards the side from which more ways lead out."""
-    import igl
-
-    corners = rays.triangles.reshape(-1, 3)
-    _, face, _ = igl.point_mesh_squared_distance(points, corners, np.arange(len(corners)).reshape(-1, 3))
-    normals = rays.normals[face] / np.linalg.norm(rays.normals[face], axis=1, keepdims=True)
-    front, back = (ways_out(rays, points + side * _OFFSET * normals) for side in (1, -1))
-    return np.where((back > front)[:, None], -normals, normals)
 
 
 def ways_out(rays: RayMesh, starts: np.ndarray) -> np.ndarray:

@@ -1,7 +1,5 @@
-"""Depth maps by ray casting: Embree finds the face, its plane gives the depth in double precision.
-
-Only faces and pixels that can be in contact are traced.
-"""
+"""Depth maps by ray casting: Embree finds the face, its plane gives the depth in double precision. Only faces and
+pixels that can be in contact are traced."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -39,11 +37,8 @@ class RayCaster:
     """
 
     def __init__(self, mesh: Geometry, object_position: Sequence[float] = (0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
-        """Build the search tree of a mesh in the object's own frame, metres, once for all its grasps.
-
-        object_position: (3,) of that frame's origin in the frame of the sensors' poses. sensor: the kind of all
-        sensors. Raises ValueError if no face has an area.
-        """
+        """Build the search tree of a mesh in the object's own frame, m. object_position: (3,) of its origin in the
+        frame of the sensors' poses. sensor: the kind of all. Raises ValueError if no face has an area."""
         self.sensor = sensor
         self.mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)
@@ -163,26 +158,20 @@ class RayCaster:
         start = pixels @ rotation.T + (origin - _SLACK * direction)
         hit = self.mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
         met = np.flatnonzero(hit >= 0)
-        if len(met):
-            depth[met], doubtful[met] = self._depth_on_faces(hit[met], pixels[met, 1:], origin, rotation)
-            doubtful |= _pits(depth.reshape(plane.shape[:2]), max(self.sensor.pixel)).ravel()
-        return depth, doubtful
-
-    def _depth_on_faces(
-        self, hit: np.ndarray, pixels: np.ndarray, origin: np.ndarray, rotation: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Depth (n,) at which the rays through `pixels` (n, 2), y and z, meet the faces `hit` (n,), and whether (n,)
-        bool it is doubtful: the face is seen edge-on, or met behind the sensor plane; the depth is then +inf."""
+        if not len(met):
+            return depth, doubtful
         seen = np.zeros(len(self.mesh.triangles), dtype=bool)
-        seen[hit] = True
-        faces, hit = np.flatnonzero(seen), (np.cumsum(seen) - 1)[hit]
+        seen[hit[met]] = True
+        faces, hit = np.flatnonzero(seen), (np.cumsum(seen) - 1)[hit[met]]
         corners, normal = self._in_sensor_frame(faces, origin, rotation)
         offset, slope = _planes(corners, normal)
-        depth = offset[hit] + pixels[:, 0] * slope[hit, 0] + pixels[:, 1] * slope[hit, 1]
+        found = offset[hit] + pixels[met, 1] * slope[hit, 0] + pixels[met, 2] * slope[hit, 1]
         # A ray may pass the edge of its face at Embree's rounding distance: stay on the face.
-        depth = np.clip(depth, corners[:, :, 0].min(axis=1)[hit], corners[:, :, 0].max(axis=1)[hit])
-        doubtful = (np.abs(normal[:, 0]) < _EDGE_ON)[hit] | (depth < 0)
-        depth[doubtful] = np.inf
+        found = np.clip(found, corners[:, :, 0].min(axis=1)[hit], corners[:, :, 0].max(axis=1)[hit])
+        # Doubtful where the face is seen edge-on, or met behind the sensor plane.
+        doubtful[met] = (np.abs(normal[:, 0]) < _EDGE_ON)[hit] | (found < 0)
+        depth[met] = np.where(doubtful[met], np.inf, found)
+        doubtful |= _pits(depth.reshape(plane.shape[:2]), max(self.sensor.pixel)).ravel()
         return depth, doubtful
 
     def _exact_depth(self, pixels: np.ndarray, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:

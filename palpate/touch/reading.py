@@ -1,7 +1,5 @@
-"""What touch sensors report: depth maps, local clouds and readings, also of an elastic gel that is pressed.
-
-A pressed sensor's whole gel takes part, and its image shows a window of it.
-"""
+"""What touch sensors report: depth maps, local clouds and readings, also of an elastic gel that is pressed. A pressed
+sensor's whole gel takes part, and its image shows a window of it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,14 +21,11 @@ PIXEL_CENTRES = DIGIT.pixel_centres[0]
 FURTHEST = 16.0  # metres from the origin within which points in single precision are right to a micrometre
 LARGEST_STRAIN = 0.4  # of the thickness: what linear theory gives beyond it is said to be doubtful (docs/gel.md)
 MARKER_RADIUS = 2.5e-4  # m, chosen: dots of 0.5 mm, some 1 to 2 mm apart, are what marked gels have
-MARKER_SHADE = 0.1  # of the light that the gel sends back beside a dot
 
 
 class TouchReading(NamedTuple):
-    """Reports of sensors; `...` are the leading axes of their poses.
-
-    Sensors without contact have reading, points and point_count 0: their reading is `empty_reading(sensor)`.
-    """
+    """Reports of sensors; `...` are the leading axes of their poses. Sensors without contact have reading, points and
+    point_count 0: their reading is `empty_reading(sensor)`."""
 
     success: np.ndarray  # (...) bool, whether anything is in range of the sensor
     depth: np.ndarray  # (..., r, c) float32 metres from the sensor plane, +inf where nothing is in range
@@ -53,10 +48,8 @@ def sense_scene(scene: "Scene", tracer: "RayCaster | None" = None) -> TouchReadi
 
 
 def sense(tracer: "RayCaster", position: np.ndarray, rotation: np.ndarray) -> TouchReading:
-    """Simulate touch sensors at position (..., 3) and rotation (..., 3, 3), whose columns are the frame's axes.
-
-    tracer: of the object and the kind of sensor. Raises ValueError as `trace` and `local_points` do.
-    """
+    """Simulate touch sensors at position (..., 3) and rotation (..., 3, 3), whose columns are the frame's axes. tracer:
+    of the object and the kind of sensor. Raises ValueError as `trace` and `local_points` do."""
     leading, kind = np.shape(position)[:-1], tracer.sensor
     position, rotation = np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3))
     depth = tracer.trace(position, rotation)
@@ -73,11 +66,8 @@ def sense(tracer: "RayCaster", position: np.ndarray, rotation: np.ndarray) -> To
 
 
 def local_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """The local point cloud (n, 3) float32 of a sensor's depth map (r, c): its finite pixels, row-major.
-
-    In the frame of the pose: position (3,) and rotation (3, 3), whose columns are the sensor's axes. Raises ValueError
-    if the sensor is too far from the origin for single precision.
-    """
+    """The local point cloud (n, 3) float32 of a depth map (r, c): its finite pixels, row-major, in the frame of
+    position (3,) and rotation (3, 3). Raises ValueError for a sensor too far from the origin for single precision."""
     if not np.abs(position).max() <= FURTHEST:
         raise ValueError(
             f"a sensor at {np.asarray(position).tolist()} m is too far from the origin for points in single "
@@ -115,12 +105,10 @@ def press_sensor(
     twist: float = 0.0,
     friction: float = 0.5,
 ) -> dict[str, np.ndarray]:
-    """A sensor pressed into a surface with a force (N) along its axis: arrays by their names in the press store.
-
-    depth: (R, C) m, of `RayCaster(..., face_sensor(sensor)).trace`. Only its shape counts: the force decides how deep
-    the surface goes. Where nothing is before the face, or the force is 0, the gel is as if untouched and `force` is 0.
-    slide, twist, friction: as for `gel.press`. Raises ConfigError for a sensor whose gel can't be pressed.
-    """
+    """A sensor pressed into a surface with a force (N) along its axis: arrays by their names in the press store. depth:
+    (R, C) m, of `RayCaster(..., face_sensor(sensor)).trace`, whose shape counts only. With nothing before the face, or
+    a force of 0, the gel is untouched, `force` 0. Others as for `gel.press`. Raises ConfigError for a gel that can't be
+    pressed."""
     from palpate.touch.gel import Layer, press
 
     layer, nothing = Layer(**sensor.require_material()), np.zeros((*sensor.resolution, 2))
@@ -169,7 +157,7 @@ def shade_pressed(indentation: np.ndarray, sensor: Sensor, displacement: np.ndar
     for row, column in markers(displacement, sensor).reshape(-1, 2):
         away = np.hypot((y - column) * sensor.pixel[1], (z - row) * sensor.pixel[0])
         covered = np.maximum(covered, np.clip(0.5 + (MARKER_RADIUS - away) / max(sensor.pixel), 0, 1))
-    return np.rint(reading * (1 - (1 - MARKER_SHADE) * covered[..., None])).astype(np.uint8)
+    return np.rint(reading * (1 - (1 - 0.1) * covered[..., None])).astype(np.uint8)
 
 
 def markers(displacement: np.ndarray | None, sensor: Sensor) -> np.ndarray:

@@ -22,23 +22,17 @@ def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
 
 
 def normals(height: np.ndarray, pixel: Size = DIGIT.pixel) -> np.ndarray:
-    """Unit normals [-dD'/dx, -dD'/dy, 1] / |.| of surfaces (..., r, c): (..., r, c, 3), float32.
-
-    Central differences inside, one-sided at the border; first component along the columns (the sensor's y).
-    pixel: its edges along the rows' and the columns' direction, metres.
-    """
+    """Unit normals [-dD'/dx, -dD'/dy, 1] / |.| (..., r, c, 3), float32, of surfaces (..., r, c): central differences,
+    one-sided at the border; first along the columns (the sensor's y). pixel: edges along rows and columns, metres."""
     along_rows, along_columns = np.gradient(np.asarray(height, dtype=np.float32), *pixel, axis=(-2, -1))
     length = np.sqrt(along_rows**2 + along_columns**2 + 1)
     return np.stack([-along_columns / length, -along_rows / length, 1 / length], axis=-1)
 
 
 def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Impressions (..., r, c) as a soft gel takes them: Taxim's approximation (Si and Yuan 2022, `deformApprox`).
-
-    Gaussian filters, the standard deviations (m) of `pyramid` in turn. After each, pixels deeper than `held` of the
-    deepest get their depth back: there the gel lies on the object. Then a filter of `last`. Without settings for it
-    the impressions stay as they are.
-    """
+    """Impressions (..., r, c) as a soft gel takes them (Si and Yuan 2022, Taxim's `deformApprox`): Gaussian filters of
+    the deviations (m) in `pyramid`, after each of which pixels deeper than `held` of the deepest get their depth back;
+    then one of `last`. Without settings for it as they are."""
     if not (settings := sensor.smoothing):
         return height
     from scipy.ndimage import gaussian_filter
@@ -53,13 +47,9 @@ def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 
 def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """Readings (..., r, c, 3) uint8 of depth maps (..., r, c), metres, +inf where nothing is in range.
-
-    The sum over the lights of their colour times lambda n . l, without those that the surface faces away from; 0 beside
-    a round gel. A background image is changed by as much as the shading differs from that of the untouched gel.
-
-    Raises ValueError for a depth that is NaN or minus infinity.
-    """
+    """Readings (..., r, c, 3) uint8 of depth maps (..., r, c), m, +inf where nothing is in range (ValueError for NaN,
+    -inf): the sum over the lights that a surface faces of their colour times lambda n . l; 0 beside a round gel. A
+    background image is changed by as much as the shading differs from that of the untouched gel."""
     depth = np.asarray(depth, dtype=np.float32)
     if not (depth > -np.inf).all():
         raise ValueError("expected depths in metres, +inf where nothing is in range, got NaN or -inf")
@@ -80,10 +70,8 @@ def shade_impression(height: np.ndarray, sensor: Sensor, sag: np.ndarray) -> np.
 
 
 def light_of(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """Light (..., r, c, 3) float32, grey levels, of surfaces with the normals (..., r, c, 3), without a background.
-
-    height: (..., r, c) m above the plane at the sensor's range, towards the sensor plane; of a flat gel the impression.
-    """
+    """Light (..., r, c, 3) float32, grey levels, of normals (..., r, c, 3), without a background. height: (..., r, c) m
+    above the plane at the sensor's range, towards the sensor plane; of a flat gel the impression."""
     if table := sensor.colour_table:
         # A polynomial of the normal, whose coefficients change over the image.
         columns, rows = np.meshgrid(*(np.linspace(-1, 1, n, dtype=np.float32) for n in sensor.resolution[::-1]))

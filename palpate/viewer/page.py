@@ -26,8 +26,8 @@ from palpate.mesh import OBJECT_POSITION, mesh_file
 from palpate.sensor import Size
 from palpate.touch import empty_reading
 from palpate.viewer.html import data_uri, render, resource
+from palpate.vision.geom import link_mesh
 from palpate.vision.image import linear
-from palpate.vision.meshes import link_mesh
 
 # glTF has y up, the dataset's world z: the scene's root turns one into the other.
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

@@ -1,9 +1,13 @@
-"""Geoms of the hand as triangles with smooth normals; edges are rounded, inwards only. Numpy only."""
+"""What is drawn besides an object's file: coloured triangles, as plain arrays. Geoms of the hand have smooth normals;
+their edges are rounded, inwards only."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from palpate.hand import Hand
 
 # Radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, at most so many metres.
 BEVEL_SHARE, LARGEST_BEVEL = 0.5, 0.003
@@ -11,9 +15,18 @@ TOUCHING = 1e-6  # m
 RECESS = 2e-4  # m that bridges stay below the boxes' sides: faces in one plane would shadow each other
 EDGE_SEGMENTS = 3  # faces across a rounded edge, for each of the two sides that meet
 ROUND_SEGMENTS = 10  # the same, for spheres, capsules and ellipsoids
-CYLINDER_SECTORS = 48
 
 Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+class Mesh(NamedTuple):
+    """Triangles with colours, in the world."""
+
+    vertices: np.ndarray  # (n, 3) metres
+    faces: np.ndarray  # (f, 3) int
+    # sRGB in 0..1: (3,), of vertices (n, 3) (blended over the faces), or of faces (f, 3).
+    colours: np.ndarray | tuple[float, float, float] = (0.7, 0.7, 0.7)
+    normals: np.ndarray | None = None  # (n, 3) for smooth shading; None keeps edges sharper than 30 degrees
 
 
 def triangles(
@@ -24,16 +37,15 @@ def triangles(
     size = np.asarray(size, dtype=float)
     if kind == "box":
         return rounded_box(size, bevel(size), EDGE_SEGMENTS)
-    if kind == "sphere":
-        return sphere(size[0], ROUND_SEGMENTS)
-    if kind == "capsule":
-        return rounded_box(np.array([size[0], size[0], size[0] + size[1]]), size[0], ROUND_SEGMENTS)
+    if kind in ("sphere", "capsule"):
+        long = size[0] if kind == "sphere" else size[0] + size[1]
+        return rounded_box(np.array([size[0], size[0], long]), size[0], ROUND_SEGMENTS)
     if kind == "ellipsoid":
-        unit, faces, _ = sphere(1.0, ROUND_SEGMENTS)
+        unit, faces, _ = rounded_box(np.ones(3), 1.0, ROUND_SEGMENTS)
         normals = unit / size
         return unit * size, faces, normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if kind == "cylinder":
-        return rounded_cylinder(size[0], size[1], bevel(size[:2]), CYLINDER_SECTORS, EDGE_SEGMENTS)
+        return rounded_cylinder(size[0], size[1], bevel(size[:2]), 48, EDGE_SEGMENTS)
     if kind != "mesh" or vertices is None or faces is None:
         kinds = "box, sphere, capsule, cylinder, ellipsoid or mesh"
         raise ValueError(f"can't draw a geom of kind {kind!r}: expected {kinds}")
@@ -67,11 +79,6 @@ def bridges(sizes: np.ndarray, positions: np.ndarray) -> list[tuple[np.ndarray, 
 def bevel(size: np.ndarray) -> float:
     """The radius of the rounded edges of a box or cylinder with these half extents."""
     return float(min(LARGEST_BEVEL, BEVEL_SHARE * size.min()))
-
-
-def sphere(radius: float, segments: int) -> Triangles:
-    """A sphere as a cube of 6 x (2 segments)^2 squares, rounded."""
-    return rounded_box(np.full(3, radius), radius, segments)
 
 
 def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Triangles:
@@ -124,3 +131,37 @@ def _grid_faces(rows: int, columns: int) -> np.ndarray:
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     quads = np.stack([corner, corner + columns, corner + columns + 1, corner + 1], axis=1)
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def spheres(points: np.ndarray, radius: float, colours: ArrayLike = (0.8, 0.1, 0.1), segments: int = 4) -> Mesh:
+    """Points (n, 3) as small spheres of a radius in metres; colours: sRGB (3,) or one a point (n, 3)."""
+    points = np.asarray(points, dtype=float)
+    vertices, faces, normals = rounded_box(np.full(3, radius), radius, segments)
+    count = len(points)
+    colours = np.broadcast_to(colours, (count, 3))
+    return Mesh(
+        (points[:, None] + vertices).reshape(-1, 3),
+        (np.arange(count)[:, None, None] * len(vertices) + faces).reshape(-1, 3),
+        np.repeat(colours, len(vertices), axis=0),
+        np.tile(normals, (count, 1)),
+    )
+
+
+def link_mesh(hand: Hand, link: int) -> Mesh:
+    """A link's geoms, and the bridges between its boxes, as one mesh in the link's frame."""
+    mine, parts = np.flatnonzero(hand.geom_link == link), []
+    for g in mine:
+        shape = triangles(hand.geom_kind[g], hand.geom_size[g], hand.geom_vertices[g], hand.geom_faces[g])
+        parts.append((shape, hand.geom_position[g], hand.geom_rotation[g], hand.geom_rgba[g]))
+    boxes = [g for g in mine if hand.geom_kind[g] == "box" and np.array_equal(hand.geom_rotation[g], np.eye(3))]
+    for colour in np.unique(hand.geom_rgba[boxes], axis=0):
+        same = [g for g in boxes if np.array_equal(hand.geom_rgba[g], colour)]
+        for size, position in bridges(hand.geom_size[same], hand.geom_position[same]):
+            parts.append((triangles("box", size), position, np.eye(3), colour))
+    starts = np.cumsum([0] + [len(vertices) for (vertices, _, _), *_ in parts])
+    return Mesh(
+        np.concatenate([v @ turn.T + position for (v, _, _), position, turn, _ in parts]),
+        np.concatenate([f + start for ((_, f, _), *_), start in zip(parts, starts, strict=False)]),
+        np.concatenate([np.tile(colour[:3], (len(v), 1)) for (v, _, _), _, _, colour in parts]),
+        np.concatenate([n @ turn.T for (_, _, n), _, turn, _ in parts]),
+    )

@@ -32,8 +32,8 @@ from palpate.camera import Camera, paper_camera  # noqa: E402
 from palpate.hand import Hand  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.scene import LIGHTS, WHITE, Light, Scene  # noqa: E402
+from palpate.vision.geom import Mesh, link_mesh  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
-from palpate.vision.meshes import Mesh, link_mesh  # noqa: E402
 
 SAMPLES = 16
 # What a scene of CAD parts under a few lamps needs of Cycles, by Blender's names.
@@ -43,16 +43,13 @@ CYCLES = {
     **{"max_bounces": 6, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 6},
     **{"transparent_max_bounces": 8, "volume_bounces": 0},
 }
-ROUGHNESS = 0.45  # of the hand's plastic
 OBJECT_INDEX = 1  # Blender's pass index of the object; 0 is everything else
 MARGIN = 2  # pixels around what is drawn: as far as the pixel filter reaches (0.75), and rounding
 PIXEL_FILTER = 1.5  # pixels, the width of the Blackman-Harris filter: Blender's default
 POINT_FILTER = 0.01  # pixels: the narrowest that Blender takes
 CLIP_START = 0.1  # m, Blender's default: nearer surfaces are not seen. Of near objects it is halfway to them.
-SHARP_EDGE = np.radians(30)
 # Files here have z up. The glTF importer turns y up to z up, (x, y, z) -> (x, -z, y); this turns it back.
 FILE_ROTATION = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 VISIBLE = 0.01  # opacity from which a surface counts for mask and depth: glass does, a texture's holes don't
 FREE_MEMORY = 200e6  # bytes: an uncompressed picture of 2048 x 2048 takes 24 a pixel
 
@@ -98,7 +95,16 @@ class Renderer:
         Renderer._alive = weakref.ref(self)
         self.device = _choose_device(device)
         self._scene = bpy.context.scene
-        _set_up_render(self._scene, threads, self.device)
+        render, layer = self._scene.render, self._scene.view_layers[0]
+        render.engine, render.resolution_percentage, render.film_transparent = "CYCLES", 100, True
+        render.threads_mode, render.threads = "FIXED", threads
+        render.use_compositing = render.use_sequencer = False
+        render.use_border, render.use_crop_to_border = True, False
+        settings = render.image_settings
+        settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
+        layer.use_pass_z = layer.use_pass_object_index = True
+        layer.pass_alpha_threshold = VISIBLE
+        self._scene.cycles.device = self.device.upper()
         self._scene.world = bpy.data.worlds.new("ambient")
         self._scene.world.use_nodes = True
         # Of a constant light the surfaces' own samples are the better ones: they follow the cosine.
@@ -111,7 +117,7 @@ class Renderer:
         self._plastic.use_nodes = True
         nodes = self._plastic.node_tree.nodes
         colour, surface = nodes.new("ShaderNodeAttribute"), nodes["Principled BSDF"].inputs
-        colour.attribute_name, surface["Roughness"].default_value = "colour", ROUGHNESS
+        colour.attribute_name, surface["Roughness"].default_value = "colour", 0.45  # the hand's plastic
         self._plastic.node_tree.links.new(colour.outputs["Color"], surface["Base Color"])
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
@@ -119,9 +125,9 @@ class Renderer:
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """The images that `render` gives, from each of the cameras; EXR files are named after the object and the
-        camera. Raises UnusableObject if the object's file can't be read or holds no triangles, or if an image of the
-        object alone doesn't show it; the next scene renders all the same."""
+        """The images that `render` gives, from each camera; EXR files are named after object and camera. Raises
+        UnusableObject if the object's file can't be read or has no triangles, or no pixel alone shows it; the next
+        scene renders all the same."""
         self._take_hand(scene.hand)
         grasps = range(len(scene.link_pose))
         shots = [(replace(scene, camera=camera), f"-camera-{k}" if k else "") for k, camera in enumerate(cameras)]
@@ -235,7 +241,7 @@ class Renderer:
                 bodies.append(body)
             elif body.type != "EMPTY":  # cameras and lamps
                 body.hide_render = True
-        self._origin.matrix_world = _matrix(np.vstack([np.c_[FILE_ROTATION, position], [0, 0, 0, 1]]))
+        self._origin.matrix_world = Matrix([*np.c_[FILE_ROTATION, position].tolist(), [0, 0, 0, 1]])
         bpy.context.view_layer.update()
         world = [np.zeros((0, 3))]
         for body in bodies:
@@ -257,7 +263,7 @@ class Renderer:
         points = [np.zeros((0, 3))]
         for link, body, vertices in self._links:
             pose = np.array(link_pose[link], dtype=float)
-            body.matrix_world = _matrix(pose)
+            body.matrix_world = Matrix(pose.tolist())
             body.hide_render = False
             points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
         return np.concatenate(points)
@@ -282,7 +288,7 @@ class Renderer:
         render, lens = self._scene.render, self._camera.data
         render.resolution_x = render.resolution_y = camera.size
         lens.sensor_fit, lens.lens = "HORIZONTAL", camera.focal_length / camera.size * lens.sensor_width
-        self._camera.matrix_world = _matrix(camera.pose())
+        self._camera.matrix_world = Matrix(camera.pose().tolist())
         for name, value in {**CYCLES, **self.cycles}.items():
             setattr(self._scene.cycles, name, value)
         rectangle = self.rectangle(camera, points)
@@ -341,7 +347,7 @@ def _choose_device(device: str) -> str:
     if device == "cpu":
         return "cpu"
     preferences = bpy.context.preferences.addons["cycles"].preferences
-    for kind in GPU_KINDS:
+    for kind in ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL"):
         try:
             preferences.compute_device_type = kind
         except TypeError:  # this build of Blender doesn't know the kind
@@ -356,20 +362,6 @@ def _choose_device(device: str) -> str:
     return "cpu"
 
 
-def _set_up_render(scene: Any, threads: int, device: str) -> None:
-    """Render settings of all images."""
-    render, layer = scene.render, scene.view_layers[0]
-    render.engine, render.resolution_percentage, render.film_transparent = "CYCLES", 100, True
-    render.threads_mode, render.threads = "FIXED", threads
-    render.use_compositing = render.use_sequencer = False
-    render.use_border, render.use_crop_to_border = True, False
-    settings = render.image_settings
-    settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
-    layer.use_pass_z = layer.use_pass_object_index = True
-    layer.pass_alpha_threshold = VISIBLE
-    scene.cycles.device = device.upper()
-
-
 def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], turn: np.ndarray) -> None:
     """Put lamps where their lights are, turned by a rotation (3, 3) about the object's place `centre` (3,)."""
     for body, light in lamps:
@@ -378,11 +370,6 @@ def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], tur
         away = turn @ (position - target)
         body.location = centre + turn @ (position - centre)
         body.rotation_euler = Vector(away).to_track_quat("Z", "Y").to_euler()
-
-
-def _matrix(pose: np.ndarray) -> Matrix:
-    """A pose (4, 4) as Blender has it."""
-    return Matrix(pose.tolist())
 
 
 def _link(scene: Any, body: Any) -> Any:
@@ -404,7 +391,7 @@ def _blender_object(name: str, mesh: Mesh, material: Any) -> Any:
     data.update(calc_edges=True)
     data.shade_smooth()
     if mesh.normals is None:
-        data.set_sharp_from_angle(angle=SHARP_EDGE)
+        data.set_sharp_from_angle(angle=np.radians(30))
     else:
         data.normals_split_custom_set_from_vertices(np.asarray(mesh.normals, dtype=float).tolist())
     colours = np.asarray(mesh.colours, dtype=float)

@@ -75,7 +75,9 @@ def gains(subject) -> Iterator[Finding]:
     box = trimesh.creation.box((0.03, 0.03, 2 * HALF)).apply_translation((0.0406, 0, 0))
     for gain in (0.1, 1, 10):
         body = body_of(box, 100.0)
-        simulation = GripSimulation(GRIPPER, surface_patches(box), body, 0.8, TIMESTEP, GRIP, stiffness=gain * GAIN)
+        simulation = GripSimulation(
+            GRIPPER, surface_patches(box), body, 0.8, TIMESTEP, grip=GRIP, stiffness=gain * GAIN
+        )
         simulation.sides = np.array([1, -1])
         simulation.place(np.eye(4), np.full(2, HALF + 0.01))
         joints = simulation.close(np.full(2, HALF - 0.01)).joint_positions

@@ -33,7 +33,7 @@ from palpate.catalogue import (
     splits_of,
     unread_lines,
 )
-from palpate.catalogue.object_table import read_object_table
+from palpate.catalogue.source import read_object_table
 from palpate.configuration import ConfigError
 from palpate.mesh import prepare
 from tests.catalogue.test_sources import names, patterns_of_classes, tree

@@ -79,7 +79,7 @@ def gripped(mesh, half, friction, weight=0.0):
     y afterwards; infinity if it slips out of them."""
     mesh = mesh.copy().apply_translation(GEL)
     density = max(weight, 0.5) / GRAVITY / mesh.volume
-    simulation = GripSimulation(GRIPPER, surface_patches(mesh), body_of(mesh, density), friction, TIMESTEP, GRIP)
+    simulation = GripSimulation(GRIPPER, surface_patches(mesh), body_of(mesh, density), friction, TIMESTEP, grip=GRIP)
     simulation.sides = np.array([1, -1])
     simulation.place(np.eye(4), np.full(2, half + 0.005))
     closed = simulation.close(np.full(2, half - 0.01))
@@ -159,7 +159,7 @@ def test_the_grip_is_that_of_the_key_whatever_the_gain(gain):
     half = 0.02
     box = trimesh.creation.box((0.03, 0.03, 2 * half)).apply_translation(GEL)
     body = body_of(box, 100.0)
-    simulation = GripSimulation(GRIPPER, surface_patches(box), body, 0.8, TIMESTEP, GRIP, stiffness=gain * GAIN)
+    simulation = GripSimulation(GRIPPER, surface_patches(box), body, 0.8, TIMESTEP, grip=GRIP, stiffness=gain * GAIN)
     simulation.sides = np.array([1, -1])
     simulation.place(np.eye(4), np.full(2, half + 0.01))
     assert simulation.close(np.full(2, half - 0.01)).settled

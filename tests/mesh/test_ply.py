@@ -9,10 +9,9 @@ import pytest
 from trimesh.visual.color import srgb_to_linear
 
 from palpate.batch import UnusableObject
-from palpate.mesh.files import Files
 from palpate.mesh.formats import ply
 from palpate.mesh.load import load
-from palpate.mesh.part import GREY
+from palpate.mesh.part import GREY, Files
 from tests.mesh.reading import CASES, CORNERS, SIDES, assert_same, by_blender, measured, triangles
 
 CODES = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d",

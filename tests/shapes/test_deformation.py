@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from palpate.shapes import read
 from palpate.shapes.family import deformed
-from palpate.shapes.parameters import read
 
 NONE = dict.fromkeys(read("rifle")["parameters"]["form"], 0.0)
 

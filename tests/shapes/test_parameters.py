@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.shapes import CLASSES
-from palpate.shapes.parameters import EXCHANGE, draw, read
+from palpate.shapes import CLASSES, EXCHANGE, draw, read
 
 PARAMETERS = {
     "first": {"long": (1, 2, "m", ""), "kind": ("a b b", "")},

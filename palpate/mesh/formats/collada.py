@@ -1,7 +1,5 @@
 """COLLADA 1.4 and 1.5 (.dae): the scene's meshes where its nodes place them, with the colours of the common profile.
-
-Not by pycollada: it leaves out holes of polygons, parts whose material is missing, and what skins and morphs deform.
-"""
+Not by pycollada: it leaves out holes of polygons, parts whose material is missing, and what skins and morphs deform."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,8 +11,7 @@ from trimesh import Trimesh
 from trimesh.transformations import rotation_matrix
 from trimesh.visual.material import PBRMaterial
 
-from palpate.mesh.files import DRAWN_GREY, Files
-from palpate.mesh.part import GREY, Loaded, distinct, eight_bit, make_part, plain, textured, usable_normals
+from palpate.mesh.part import DRAWN_GREY, Files, Loaded, distinct, eight_bit, make_part, plain, textured, usable_normals
 from palpate.mesh.polygons import strip_triangles, triangulate, with_holes
 
 Element = Any  # of lxml, which states no types
@@ -197,7 +194,7 @@ class _Document:
         except ValueError:
             name = name.removeprefix("#")
             self.files.note(name, f"there is no such material: {DRAWN_GREY}")
-            return plain(GREY, name), None
+            return textured(None, name), None
         if material not in self.materials:
             self.materials[material] = self._appearance(effect, material.get("name") or material.get("id"))
         made, texcoord = self.materials[material]

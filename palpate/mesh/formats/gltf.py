@@ -25,8 +25,7 @@ from scipy.spatial.transform import Rotation
 from trimesh.visual.gloss import specular_to_pbr
 from trimesh.visual.material import PBRMaterial
 
-from palpate.mesh.files import DRAWN_GREY, Files
-from palpate.mesh.part import GREY, Loaded, eight_bit, make_part, plain
+from palpate.mesh.part import DRAWN_GREY, GREY, Files, Loaded, eight_bit, make_part, plain
 from palpate.mesh.polygons import strip_triangles
 from palpate.named_files import gltf_tree
 

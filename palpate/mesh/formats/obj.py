@@ -16,8 +16,7 @@ from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import unmerge_faces
 
 from palpate import named_files
-from palpate.mesh.files import DRAWN_GREY, Files
-from palpate.mesh.part import GREY, PLAIN, Loaded, eight_bit, linear, make_part, plain
+from palpate.mesh.part import DRAWN_GREY, GREY, PLAIN, Files, Loaded, eight_bit, linear, make_part, plain
 from palpate.mesh.polygons import triangulate
 from palpate.named_files import text, without_comment
 

@@ -1,8 +1,6 @@
-"""OFF, as Geomview documents it: text, with normals and colours of vertices, or colours of faces.
-
-A face's colour may be three or four numbers. They are shares of 1 if one has a point or none is more than 1, else of
-255. One number is an entry of a table that is not in the file, and does not count. There is no texture to draw.
-"""
+"""OFF, as Geomview documents it: text, with normals and colours of vertices, or colours of faces. A face's colour may
+be three or four numbers. They are shares of 1 if one has a point or none is more than 1, else of 255. One number is an
+entry of a table that is not in the file, and does not count. There is no texture to draw."""
 
 import re
 from collections.abc import Sequence
@@ -10,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.mesh.files import Files
-from palpate.mesh.part import PLAIN, Loaded, linear, make_part, usable_normals
+from palpate.mesh.part import PLAIN, Files, Loaded, linear, make_part, usable_normals
 from palpate.mesh.polygons import triangulate
 
 # `OFF` and the counts may stand in one word, as in ModelNet, and `OFF` may be missing.

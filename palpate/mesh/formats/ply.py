@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.mesh.files import Files
-from palpate.mesh.part import Loaded, distinct, eight_bit, linear, make_part, numbers, textured, usable_normals
+from palpate.mesh.part import Files, Loaded, distinct, eight_bit, linear, make_part, numbers, textured, usable_normals
 from palpate.mesh.polygons import strip_triangles, triangulate
 
 HEADER = re.compile(rb"ply[ \t]*(?:\r(?!\n).*?\r[ \t]*end_header[ \t]*\r|.*?\n[ \t]*end_header[ \t]*\r?\n)", re.DOTALL)

@@ -1,16 +1,13 @@
-"""STL, binary or text. Its normals and the colours that some programs put into it are not read.
-
-Not by trimesh, which takes a binary file for text if bytes follow its triangles, and the words `vertex` and `solid` of
-a name for those of the format.
-"""
+"""STL, binary or text. Its normals and the colours that some programs put into it are not read. Not by trimesh, which
+takes a binary file for text if bytes follow its triangles, and the words `vertex` and `solid` of a name for those of
+the format."""
 
 import re
 from pathlib import Path
 
 import numpy as np
 
-from palpate.mesh.files import Files
-from palpate.mesh.part import Loaded, make_part, numbers
+from palpate.mesh.part import Files, Loaded, make_part, numbers
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 VERTEX = re.compile(rb"^[ \t]*vertex\b([^\n]*)", re.IGNORECASE | re.MULTILINE)

@@ -9,8 +9,7 @@ import numpy as np
 from lxml import etree
 from trimesh import Trimesh
 
-from palpate.mesh.files import Files
-from palpate.mesh.part import Loaded, make_part, numbers
+from palpate.mesh.part import Files, Loaded, make_part, numbers
 
 Element = Any  # of lxml, which states no types
 MOST_UNPACKED, LARGEST_RATIO = 500e6, 100  # bytes of an unpacked file; these over its own, where 10 is common
