@@ -5,8 +5,7 @@ import pytest
 
 from palpate.experiments import SPLITS, Comparison, Experiment
 from palpate.methods import METHODS
-from palpate.results.claims import decide
-from palpate.results.effects import touch_effect
+from palpate.results.claims import decide, touch_effect
 from palpate.results.products import needed_splits
 from palpate.results.published import exchanged, paper_values, published_experiments, terms
 from tests.learning import synthetic
