@@ -170,7 +170,7 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
                     break
                 except UnusableObject as error:
                     say(f"  can't be used: {error}")
-    from palpate.results.hand_sheet import check_sheet
+    from palpate.results.dataset_figures import check_sheet
 
     path = picture or Path(settings.folder, "check.png")
     with atomic_write(path) as partial:

@@ -73,7 +73,7 @@ def test_engines_are_imported_where_they_belong(engine):
 
 def test_tables_of_models_wait_for_no_engine():
     code = (
-        "import sys; from palpate.results import claims, effects, model_figures, model_tables;"
+        "import sys; from palpate.results import claims, model_figures, model_tables;"
         "sys.exit(any(name in sys.modules for name in ('torch', 'mujoco', 'bpy')))"
     )
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0

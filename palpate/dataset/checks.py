@@ -166,9 +166,7 @@ def check_touch(item: CheckedObject) -> Measured:
         yield "reading", _pressed_reading_error(rows, item.sensor)
         yield "pressed", _pressed_error(rows, item.sensor)
     else:
-        errors = [
-            _reading_error(depth[index], rows["reading"][index], item.sensor) for index in np.ndindex(count.shape)
-        ]
+        errors = [_reading_error(depth[i], rows["reading"][i], item.sensor) for i in np.ndindex(count.shape)]
         yield "reading", np.reshape(errors, count.shape)
     if can_check("on mesh"):
         distance = np.zeros(count.shape)
@@ -180,8 +178,7 @@ def check_touch(item: CheckedObject) -> Measured:
 def check_frames(item: CheckedObject) -> Measured:
     rows, hand = item.rows["frames"], cast(Hand, item.hand)
     grasps = len(rows["time"])
-    numeric = [rows[name].reshape(grasps, -1) for name in rows if name not in ("object", "success", "depth")]
-    yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
+    yield "finite", _not_finite(rows, grasps)
     yield "rotation", rotation_error(rows["link_pose"][:, :, 0, :3, :3]).max(axis=1)
     links = hand.forward(rows["link_pose"][:, :, 0], rows["joint_positions"])
     yield "kinematics", _pose_error(hand, links, rows)
@@ -197,9 +194,13 @@ def check_frames(item: CheckedObject) -> Measured:
         depth = rows["depth"]
         yield "touch depth", np.sum(_out_of_range(depth, item.sensor), axis=(1, 2, 3, 4))
         yield "success", np.sum(rows["success"] != np.isfinite(depth).any(axis=(-2, -1)), axis=(1, 2))
-        if can_check("on mesh"):
-            clouds = _first_touches(item, rows)
-            yield "on mesh", max((item.distance(cloud).max(initial=0) for cloud in clouds), default=0)
+        if can_check("on mesh"):  # each grasp's first touch, by its first sensor, on the way
+            farthest = 0.0
+            for grasp, touched in enumerate(rows["success"]):
+                for index in np.argwhere(touched)[:1]:
+                    pose = (rows[name][grasp, *index] for name in ("depth", "sensor_position", "sensor_rotation"))
+                    farthest = np.maximum(farthest, item.distance(local_points(*pose, item.sensor)).max(initial=0))
+            yield "on mesh", farthest
 
 
 def _check_contacts(rows: dict[str, np.ndarray], hand: Hand) -> Measured:
@@ -230,8 +231,7 @@ def check_hold(item: CheckedObject) -> Measured:
 
 def check_press(item: CheckedObject) -> Measured:
     rows, sensor = item.rows["press"], item.sensor
-    numeric = [rows[name].reshape(len(rows["force"]), -1) for name in rows if name not in ("object", "depth")]
-    yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
+    yield "finite", _not_finite(rows, len(rows["force"]))
     yield "rotation", rotation_error(rows["rotation"])
     depth, axis, arm = rows["depth"], rows["rotation"][:, :, 0], rows["point"] - rows["position"]
     yield "touch depth", np.sum(_out_of_range(depth, sensor), axis=(1, 2))
@@ -252,6 +252,12 @@ def check_press(item: CheckedObject) -> Measured:
         yield "outside", ways_out(RayMesh(load_geometry(item.folder)), rows["position"] - OBJECT_POSITION) == 0
 
 
+def _not_finite(rows: dict[str, np.ndarray], count: int) -> np.ndarray:
+    """How many numbers, but for depths, are not finite in each of `count` grasps or presses."""
+    numeric = [rows[name].reshape(count, -1) for name in rows if name not in ("object", "success", "depth")]
+    return np.sum([np.sum(~np.isfinite(values), axis=1) for values in numeric], axis=0)
+
+
 def _pose_error(hand: Hand, links: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
     """Largest difference (g,) of stored poses from those of a hand's links (g, ..., L, 4, 4) and of its sensors."""
     position, rotation = hand.sensor_frames(links)
@@ -262,15 +268,6 @@ def _pose_error(hand: Hand, links: np.ndarray, rows: dict[str, np.ndarray]) -> n
 def _out_of_range(depth: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Whether depths (..., r, c) are neither in the sensor's range nor +inf: bool, of the same shape."""
     return ~((depth > 0) & (depth <= sensor.reach.astype(depth.dtype))) & (depth != np.inf)
-
-
-def _first_touches(item: CheckedObject, rows: dict[str, np.ndarray]) -> Iterator[np.ndarray]:
-    """The local cloud (n, 3) of each grasp's first touch, by its first sensor, on the way."""
-    for grasp, touched in enumerate(rows["success"]):
-        if touched.any():
-            index = (grasp, *np.argwhere(touched)[0])
-            sensed = (rows[name][index] for name in ("depth", "sensor_position", "sensor_rotation"))
-            yield local_points(*sensed, item.sensor)
 
 
 def check_frame_images(item: CheckedObject) -> Measured:

@@ -47,10 +47,9 @@ class GraspDataset(Sequence):
     ):
         self._run, self._entries, self._camera = run, list(entries), camera
         if not self._entries:
-            raise StoreError(
-                f"{run.folder}: no object to take {self.units} of: rejected.csv, or the config's `split`, says why"
-            )
-        self._of_object = self._count()
+            why = "rejected.csv, or the config's `split`, says why"
+            raise StoreError(f"{run.folder}: no object to take {self.units} of: {why}")
+        self._of_object = getattr(run, self.units)(self._entries[0])
         known = self._known()
         if arrays is None:
             arrays = [name for name, (stage, spec) in known.items() if stage in stages and self._stored(stage, spec)]
@@ -60,9 +59,6 @@ class GraspDataset(Sequence):
         self.sources = {name: known[name] for name in self.arrays}
         pictures = {name: spec for name, (_, spec) in self.sources.items() if spec.dtype == "uint8"}
         self.images = {name: spec.unit in COLOURS for name, spec in pictures.items()}
-
-    def _count(self) -> int:
-        return self._run.grasps(self._entries[0])
 
     @staticmethod
     def _known() -> dict[str, tuple[str, ArraySpec]]:
@@ -101,8 +97,8 @@ class GraspDataset(Sequence):
         for name, (stage, spec) in self.sources.items():
             place: tuple[int | slice, ...] = (grasp,) if spec.of_grasps or spec.of_presses else ()
             if spec == FRAMES_READING:
-                depth, sensor = self._run.read(stage, "depth", entry, place), self._run.store(stage, entry.batch).sensor
-                item[name] = shaded(depth, sensor)
+                depth = self._run.read(stage, "depth", entry, place)
+                item[name] = shaded(depth, self._run.store(stage, entry.batch).sensor)
                 continue
             place += (slice(None),) if spec.of_frames else ()
             if spec.of_cameras and self._camera is not None:
@@ -120,10 +116,6 @@ class PressDataset(GraspDataset):
     `split`, `press` (its number, from 0), and the arrays of the press."""
 
     unit, units = "press", "presses"
-
-    def _count(self) -> int:
-        entry = self._entries[0]
-        return self._run.store("press", entry.batch).header("force")[0][1]
 
     @staticmethod
     def _known() -> dict[str, tuple[str, ArraySpec]]:

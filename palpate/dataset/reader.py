@@ -16,7 +16,7 @@ from palpate.dataset.run import Run, shaded
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STAGES, RELEASED, STAGES
-from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec, arrays_by_name
+from palpate.store.contract import CONTRACT, SENSOR_NAMES, arrays_by_name
 from palpate.store.files import Store, StoreError
 
 if TYPE_CHECKING:
@@ -38,9 +38,8 @@ class JoinedArray(Sequence):
     def _record(self) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and type of one object's record; StoreError if there is no object to tell it by."""
         if not self._entries:
-            raise StoreError(
-                f"{self._run.folder}: no object to take {self._stage} {self._name!r} of; rejected.csv says why"
-            )
+            what = f"{self._stage} {self._name!r}"
+            raise StoreError(f"{self._run.folder}: no object to take {what} of; rejected.csv says why")
         shape, dtype = self._run.store(self._stage, self._entries[0].batch).header(self._name)
         return shape[1:], dtype
 
@@ -80,10 +79,8 @@ class JoinedArray(Sequence):
         for place, (entry, values) in enumerate(zip(entries, records, strict=True)):
             if values.shape != result.shape[1:]:
                 paths = [self._run.store(self._stage, other.batch).path for other in (entry, self._entries[0])]
-                raise StoreError(
-                    f"{paths[0]}: {self._name} of an object is {values.shape}, but {result.shape[1:]} in {paths[1]}; "
-                    "build both again from one config"
-                )
+                shapes = f"{self._name} of an object is {values.shape}, but {result.shape[1:]} in {paths[1]}"
+                raise StoreError(f"{paths[0]}: {shapes}; build both again from one config")
             result[place] = values
         return result
 
@@ -143,7 +140,7 @@ class Dataset(Sequence):
     @property
     def stages(self) -> list[str]:
         """The stages that this run has a store of."""
-        return [stage for stage in CONTRACT if self._run.has(stage)]
+        return self._run.stages
 
     def rejections(self) -> list[dict[str, str]]:
         """Rows object, stage, reason of what these stages rejected, in all classes and splits."""
@@ -211,15 +208,9 @@ class Dataset(Sequence):
         return GraspDataset(self._run, entries, self._required, arrays, camera)
 
     def presses(self, split: str | None = None, arrays: Iterable[str] | None = None) -> PressDataset:
-        """All presses as a map-style dataset of dictionaries, as `grasps`. Raises StoreError, with the command that
-        builds them, for a run without."""
+        """All presses, as `grasps`. Raises StoreError, with the command that builds them, for a run without."""
         entries = (self if split is None else self.split(split))._entries.values()
         return PressDataset(self._run, entries, self._required, arrays)
-
-    def require_current(self, path: Path) -> None:
-        """Raise StoreError if a file of the run is not as it was written, or was made from something else than the run
-        has now."""
-        self._run.require_current(path)
 
     def digests(self, stages: Collection[str] | None = None) -> dict[tuple[str, str], str]:
         """SHA-256 of what these objects' stores of some stages state of their files, by stage and batch.
@@ -247,6 +238,10 @@ class Dataset(Sequence):
         table.insert(4, "grasp", np.tile(np.arange(touches.shape[1]), len(rows)))
         table.insert(5, "touches", touches.ravel())
         return table
+
+    def require_current(self, path: Path) -> None:
+        """Raise StoreError if a file of the run is not as it was written, or not made from what the run has now."""
+        self._run.require_current(path)
 
     def cameras(self) -> np.ndarray:
         """(o, k, 3, 4) float64 projections of the k cameras, from homogeneous world coordinates (m) to pixels."""
@@ -301,14 +296,18 @@ class _Record:
     index: tuple[int | slice, ...]  # within the object's row
     stage_of: dict[str, str] = {}  # by the names of the arrays
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, has_arrays: bool = True) -> None:
         """Gives the class a property, with its shape, type and unit in `help()`, for each array of its rows."""
         leading = 2 if cls.of_grasps or cls.of_presses else 1
-        arrays = arrays_by_name(cls.of_grasps, cls.of_frames, cls.of_presses)
+        arrays = arrays_by_name(cls.of_grasps, cls.of_frames, cls.of_presses) if has_arrays else {}
         cls.stage_of = {name: stage for name, (stage, _) in arrays.items()}
         for name, (stage, spec) in arrays.items():
             if name not in vars(cls):
-                setattr(cls, name, property(partial(cls._read, name=name), doc=_described(stage, spec, leading)))
+                # Leading axes are indexed, as is that of cameras.
+                axes = replace(spec, shape=tuple(axis for axis in spec.shape[leading:] if axis != "k")).axes
+                about = f"{axes} {spec.dtype}{spec.unit and f', {spec.unit}'}. {spec.meaning}. Of the {stage} store."
+                about += " Not in every run." * spec.optional
+                setattr(cls, name, property(partial(cls._read, name=name), doc=about))
 
     def __init__(self, run: Run, entry: CatalogueEntry, *grasp: int, camera: int = 0):
         self._run, self._entry, self._grasp, self.camera_number = run, entry, grasp, camera
@@ -318,7 +317,7 @@ class _Record:
     @property
     def stages(self) -> list[str]:
         """The stages that the run has a store of."""
-        return [stage for stage in CONTRACT if self._run.has(stage)]
+        return self._run.stages
 
     def _read(self, name: str) -> np.ndarray:
         """The row in array `name`, as it is stored, of the record's camera where it has an axis of them; read once."""
@@ -354,14 +353,6 @@ class _Record:
     def __getattr__(self, name: str) -> np.ndarray:
         hint = nearest(name, dir(type(self)))
         raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}; its arrays are {', '.join(self.stage_of)}")
-
-
-def _described(stage: str, spec: ArraySpec, leading: int) -> str:
-    """Shape, type, unit and meaning of a row of an array, whose leading axes are indexed, as is that of cameras."""
-    shape = replace(spec, shape=tuple(axis for axis in spec.shape[leading:] if axis != "k")).axes
-    unit = f", {spec.unit}" if spec.unit else ""
-    optional = " Not in every run." if spec.optional else ""
-    return f"{shape} {spec.dtype}{unit}. {spec.meaning}. Of the {stage} store.{optional}"
 
 
 class ObjectRecord(_Record):
@@ -401,30 +392,35 @@ class ObjectRecord(_Record):
     @cached_property
     def presses(self) -> list["PressRecord"]:
         """Its presses, if the run's config has `press.count`."""
-        self._run.row("press", self._entry)
-        count = self._run.store("press", self.batch).header("force")[0][1]
-        return [PressRecord(self._run, self._entry, number) for number in range(count)]
+        return [PressRecord(self._run, self._entry, number) for number in range(self._run.presses(self._entry))]
 
     def __repr__(self) -> str:
         return f"ObjectRecord({self.name!r}, class {self.class_name}, {self.split}, {self.batch})"
 
 
-class GraspRecord(_Record):
+class _Part(_Record, has_arrays=False):
+    """A grasp, its frames, or a press of an object."""
+
+    @property
+    def number(self) -> int:
+        """Its number among those of the object, from 0; of frames that of the grasp."""
+        return self._grasp[0]
+
+    @property
+    def object(self) -> ObjectRecord:
+        """The object that is touched, seen by the same camera."""
+        return ObjectRecord(self._run, self._entry, self.camera_number)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._entry.object!r}, {self.number})"
+
+
+class GraspRecord(_Part):
     """One grasp: every array of the contract with one row a grasp. Arrays with one row a sensor are in the order of
     `sensors`. `reading` and `points` differ from the store: an untouched sensor reads the empty gel, and the clouds are
     cut at their count. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`)."""
 
     of_grasps = True
-
-    @property
-    def number(self) -> int:
-        """Its number among the object's grasps, from 0."""
-        return self._grasp[0]
-
-    @property
-    def object(self) -> ObjectRecord:
-        """The object that is grasped, seen by the same camera."""
-        return ObjectRecord(self._run, self._entry, self.camera_number)
 
     @cached_property
     def intrinsics(self) -> np.ndarray:
@@ -441,8 +437,7 @@ class GraspRecord(_Record):
         """Names of the hand's sensors; the Allegro's for a dataset that came without its hands."""
         if not self._run.has("grasps"):
             return SENSOR_NAMES
-        names = self._run.store("grasps", self._entry.batch).get("hand/sensor_names")
-        return tuple(str(name) for name in names)
+        return tuple(map(str, self._run.store("grasps", self._entry.batch).get("hand/sensor_names")))
 
     @property
     def frames(self) -> "FramesRecord":
@@ -460,11 +455,8 @@ class GraspRecord(_Record):
         stored = self._read("points")
         return [cloud[:count] for cloud, count in zip(stored, self.point_count, strict=True)]
 
-    def __repr__(self) -> str:
-        return f"GraspRecord({self._entry.object!r}, {self.number})"
 
-
-class FramesRecord(_Record):
+class FramesRecord(_Part):
     """The frames of a grasp: its closing from the open hand to rest, every array of the contract with one row a frame.
     The last frame is the grasp. `occluded` has images of the frames `image_frame` only, by the record's camera; all
     other arrays have all `len(frames)`. Shapes are in the symbols of docs/dataset.md."""
@@ -489,26 +481,12 @@ class FramesRecord(_Record):
         """(f, s, r, c, 3) uint8, RGB. Images of the s gels: `depth` as the sensor shades it; it is not stored."""
         return shaded(self.depth, self.sensor)
 
-    def __repr__(self) -> str:
-        return f"FramesRecord({self._entry.object!r}, {self._grasp[0]})"
 
-
-class PressRecord(_Record):
-    """One press of a sensor onto the object, without a hand: every array of the contract with one row a press.
-    `reading`, `indentation` and others have a row for each of the forces in `force`. Shapes are in the symbols of
-    docs/dataset.md."""
+class PressRecord(_Part):
+    """One press of a sensor onto the object, without a hand: every array of the contract with one row a press, some
+    with a row for each of the forces in `force`. Shapes are in the symbols of docs/dataset.md."""
 
     of_presses = True
-
-    @property
-    def number(self) -> int:
-        """Its number among the object's presses, from 0."""
-        return self._grasp[0]
-
-    @property
-    def object(self) -> ObjectRecord:
-        """The object that is pressed."""
-        return ObjectRecord(self._run, self._entry)
 
     @property
     def empty_reading(self) -> np.ndarray:
@@ -521,6 +499,3 @@ class PressRecord(_Record):
         from palpate.touch import local_points
 
         return local_points(self.depth, self.position, self.rotation, self.sensor)
-
-    def __repr__(self) -> str:
-        return f"PressRecord({self._entry.object!r}, {self.number})"

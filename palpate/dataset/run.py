@@ -76,10 +76,15 @@ class Run:
             found.setdefault(entry.batch, []).append(entry)
         return found
 
-    @cached_property
+    @property
     def batches(self) -> list[str]:
         """Names of the catalogue's batches. Files of others remain from an earlier config."""
         return list(self._entries)
+
+    @property
+    def stages(self) -> list[str]:
+        """The stages that the run has a store of."""
+        return list(filter(self.has, CONTRACT))
 
     @property
     def asked_stores(self) -> tuple[str, ...]:
@@ -98,7 +103,8 @@ class Run:
         made = sorted(path.name for path in self.folder.glob("rejected/*"))
         batches = self.batches if batch is None else [batch]
         paths = {self.folder / f"rejected/{stage}/{name}.csv": (stage, name) for stage in made for name in batches}
-        tables = [path for path, which in paths.items() if path.exists() or self._was_made(*which)]
+        # A store is written after its rejections.
+        tables = [path for path, (stage, name) in paths.items() if path.exists() or self._store(stage, name).exists()]
         whole = self.folder / "rejected.csv"
         try:
             rows = read_rejections(tables or ([whole] if whole.exists() else []))
@@ -106,10 +112,8 @@ class Run:
             raise StoreError(str(error)) from None
         return [row._asdict() for row in rows if stages is None or row.stage in set(stages)]
 
-    def _was_made(self, stage: str, batch: str) -> bool:
-        """Whether a stage has finished a batch: its store is written after its rejections."""
-        path = STAGES[stage].path(batch) if stage in STAGES else f"{stage}/{batch}"
-        return (self.folder / path).exists()
+    def _store(self, stage: str, batch: str) -> Path:
+        return self.folder / (STAGES[stage].path(batch) if stage in STAGES else f"{stage}/{batch}")
 
     def rejected(self, stages: Iterable[str] | None = None) -> set[str]:
         return {row["object"] for row in self.rejections(stages=stages)}
@@ -129,7 +133,7 @@ class Run:
         return {name: entry for name, entry in self.catalogue.items() if name not in rejected}
 
     def has(self, stage: str) -> bool:
-        return any((self.folder / CONTRACT[stage].path(batch)).exists() for batch in self.batches)
+        return any(self._store(stage, batch).exists() for batch in self.batches)
 
     def store(self, stage: str, batch: str) -> Store:
         """One batch's store, remembered. Raises StoreError if the run has none of this stage, or not this one."""
@@ -141,7 +145,7 @@ class Run:
             targets = [CONTRACT[stage].path(each) for each in names]
             raise StoreError(f"{self.folder} has no {stage}; build it with: {rebuild_command(self.folder, *targets)}")
         if found is None:
-            found = Store(self.folder / CONTRACT[stage].path(batch))
+            found = Store(self._store(stage, batch))
             self._require_fitting(batch, found.seal)
             if len(self._stores) >= REMEMBERED_STORES:
                 del self._stores[next(iter(self._stores))]
@@ -224,6 +228,13 @@ class Run:
         stages = [stage for stage, spec in CONTRACT.items() if any(array.of_grasps for array in spec.arrays.values())]
         stage = next((stage for stage in stages if self.has(stage)), stages[0])
         name = next(name for name, array in CONTRACT[stage].arrays.items() if array.of_grasps)
+        return self._count(stage, name, entry)
+
+    def presses(self, entry: CatalogueEntry) -> int:
+        """Presses of the object."""
+        return self._count("press", "force", entry)
+
+    def _count(self, stage: str, name: str, entry: CatalogueEntry) -> int:
         self.row(stage, entry)
         return self.store(stage, entry.batch).header(name)[0][1]
 

@@ -179,19 +179,20 @@ class _Batch:
 
 
 def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, others: bool = True) -> list[Finding]:
-    """Compare all files of a batch with their seals, and the seals with what the run has now. Compared are meshes, the
-    stores of `stages`, by default those of the run's dataset, and `others` that are there. `where` of a finding of
-    files that passed is the digest of their seal: as long as it stays, so does everything that was found in their
-    values."""
+    """Compare all files of a batch with their seals, and the seals with what the run has now: meshes, the stores of
+    `stages`, by default those of the run's dataset, and `others` that are there. `where` of a finding of files that
+    passed is the digest of their seal: as long as it stays, so do the findings of their values."""
     findings, stages = [], ("meshes", *(stages or run.asked_stores))
     paths = {name: run.folder / stage.path(batch) for name, stage in STAGES.items()}
     paths["exr"] = run.folder / "exr" / batch
     for stage, path in paths.items():
         if stage in stages or (path.exists() and (others or stage == "exr")):
             damage, difference, sealed = look_at(run, path)
-            findings.append(_finding("files", stage, batch, damage, sealed.digest if sealed else ""))
+            findings.append(
+                _finding("files", stage, batch, [damage] if damage else [], sealed.digest if sealed else "")
+            )
             if sealed:
-                findings.append(_finding("made from", stage, batch, difference))
+                findings.append(_finding("made from", stage, batch, [difference] if difference else []))
     return findings
 
 
@@ -208,9 +209,10 @@ def look_at(run: Run, path: Path, digest_of: DigestOf | None = None) -> tuple[st
     return "", sealed.refusal(difference) if sealed and difference else "", sealed
 
 
-def _finding(check: str, store: str, batch: str, wrong: str, passed: str = "") -> Finding:
+def _finding(check: str, store: str, batch: str, wrong: Iterable[str], passed: str = "") -> Finding:
     """The finding of a check that passes if nothing is wrong; passed: what `where` says then."""
-    return Finding(check, store, batch, "", wrong or passed, int(bool(wrong)), CHECKS[check].limit)
+    wrong = sorted(wrong)
+    return Finding(check, store, batch, "", ", ".join(wrong[:NAMED]) or passed, len(wrong), CHECKS[check].limit)
 
 
 def outputs(run: Path) -> Iterator[Path]:
@@ -261,11 +263,8 @@ def write_findings(path: Path | str, findings: Iterable[Finding], made_from: Mad
 
 
 def read_findings(path: Path | str) -> list[Finding]:
-    rows = ([row[name] for name in Finding._fields] for row in read_rows(path, Finding._fields))
-    return [
-        Finding(check, store, batch, name, where, float(value), float(limit))
-        for check, store, batch, name, where, value, limit in rows
-    ]
+    rows = (Finding._make(row[name] for name in Finding._fields) for row in read_rows(path, Finding._fields))
+    return [row._replace(value=float(row.value), limit=float(row.limit)) for row in rows]
 
 
 def check_again(
@@ -294,9 +293,8 @@ def validate(
     max_penetration: float = MAX_PENETRATION,
     sources: Path | str | None = None,
 ) -> tuple[bool, str]:
-    """Check a run again: whether all checks passed, and what was checked and found, in words.
-    batches, max_penetration: as `check_again` takes them. sources: as `combine_validation` does. A run of which no
-    object could be used does not pass."""
+    """Check a run again: whether all checks passed, and what was checked and found, in words. A run of which no object
+    could be used does not pass. Arguments are those of `check_again` and `combine_validation`."""
     start, run = time.perf_counter(), Path(run)
     findings, anew = check_again(run, batches, max_penetration)
     table = combine_validation(findings, run, sources, outputs(run))
@@ -340,37 +338,23 @@ def combine_validation(
     catalogue = read_catalogue(run / "catalogue.csv")
     twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)
     of_run = [
-        _of_run("one split", "catalogue", {*twice, *(each.object for each in catalogue if each.split not in SPLITS)}),
-        *(_of_run(check, "run", found) for check, found in {"tables": damaged, "made from": outdated}.items()),
+        _finding(
+            "one split", "catalogue", "", {*twice, *(each.object for each in catalogue if each.split not in SPLITS)}
+        ),
+        _finding("tables", "run", "", damaged),
+        _finding("made from", "run", "", outdated),
     ]
     if sources is not None:
         of_run.append(_check_sources(run, catalogue, Path(sources)))
-    findings = [*of_run, *findings]
     groups: dict[tuple[str, str, str], list[Finding]] = {}
-    for finding in findings:
+    for finding in [*of_run, *findings]:
         groups.setdefault((finding.check, finding.store, finding.batch), []).append(finding)
-    failed = {
-        key: [": ".join(filter(None, (each.object, each.where))) for each in group if not each.ok]
-        for key, group in groups.items()
-    }
-    rows = [
-        {
-            **dict(zip(("check", "store", "batch"), key, strict=True)),
-            "objects": sum(bool(finding.object) for finding in group),
-            "worst": max(finding.value for finding in group),
-            "limit": group[0].limit,
-            "passed": not failed[key],
-            "where": seal.join_first(failed[key], NAMED),
-        }
-        for key, group in groups.items()
-    ]
-    return pd.DataFrame(rows)
-
-
-def _of_run(check: str, store: str, wrong: Iterable[str]) -> Finding:
-    """The finding of a check that needs the whole run, from the names of what is wrong."""
-    wrong = sorted(wrong)
-    return Finding(check, store, "", "", ", ".join(wrong[:NAMED]), len(wrong), CHECKS[check].limit)
+    rows = []
+    for key, group in groups.items():
+        failed = [": ".join(filter(None, (each.object, each.where))) for each in group if not each.ok]
+        objects, worst = sum(bool(each.object) for each in group), max(each.value for each in group)
+        rows.append((*key, objects, worst, group[0].limit, not failed, seal.join_first(failed, NAMED)))
+    return pd.DataFrame(rows, columns=["check", "store", "batch", "objects", "worst", "limit", "passed", "where"])
 
 
 def _check_sources(run: Path, catalogue: list[CatalogueEntry], root: Path) -> Finding:
@@ -382,7 +366,8 @@ def _check_sources(run: Path, catalogue: list[CatalogueEntry], root: Path) -> Fi
         except (CatalogueError, OSError):
             return False
 
-    finding = _of_run("sources", "catalogue", (str(root / entry.source) for entry in catalogue if not same(entry)))
+    changed = (str(root / entry.source) for entry in catalogue if not same(entry))
+    finding = _finding("sources", "catalogue", "", changed)
     if finding.ok:
         return finding
     again = rebuild_command(run, "dataset")

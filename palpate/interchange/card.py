@@ -61,6 +61,11 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
         "tags": ["tactile", "vision", "robotics", "3d", "simulation", "palpate"],
         "configs": [{"config_name": "default", "data_files": data_files}],
     }
+    started = dataset.folder / "last_run.json"
+    try:
+        commit = json.loads(started.read_text(encoding="utf-8")).get("commit", "") if started.is_file() else ""
+    except ValueError:
+        raise StoreError(f"{started} is damaged; remove it: the next start of the run writes it again") from None
     environment = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     environment.filters["escaped"] = escaped
     checks = _rows(dataset.folder / "reports/validation.csv")
@@ -82,7 +87,7 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
         counts=[*rows, ["all", *(len(dataset.split(split)) for split in SPLITS)]],
         figures=sorted(figure.name for figure in path.parent.glob("figures/*.png")),
         versions=versions(dataset),
-        commit=_commit(dataset.folder / "last_run.json"),
+        commit=commit,
         arrays=_arrays(contents),
         hand=hand,
         joints=_joints(hand) if hand else [],
@@ -118,14 +123,6 @@ def without_folders(text: str) -> str:
     "can't read cup.png (named in cup.mtl)"
     """
     return re.sub(r"(?<![\w.:/~<-])(?:file:/+|~[\w.-]*/|\.\./|/)(?:[^/\s:;,'\"()]*/)*", "", text)
-
-
-def _commit(path: Path) -> str:
-    """The commit that the run's last start noted; empty if it noted none."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8")).get("commit", "") if path.is_file() else ""
-    except ValueError:
-        raise StoreError(f"{path} is damaged; remove it: the next start of the run writes it again") from None
 
 
 def _arrays(contents: Contents) -> list[list[Any]]:

@@ -60,9 +60,8 @@ def write_croissant(path: Path, contents: Contents, manifest: Files) -> None:
 
 def _set(name: str, encoding: str, includes: str, archives: Sequence[str] = ()) -> dict[str, Any]:
     """A set of files of the export's folder, or of archives in it."""
-    stated = {"encodingFormat": encoding, "includes": includes}
-    within = {"containedIn": [{"@id": archive} for archive in archives]} if archives else {}
-    return {"@type": "cr:FileSet", "@id": f"{name}-files", "name": name, **stated, **within}
+    named = {"@type": "cr:FileSet", "@id": f"{name}-files", "name": name, "encodingFormat": encoding}
+    return named | {"includes": includes} | ({"containedIn": [{"@id": each} for each in archives]} if archives else {})
 
 
 def _arrays(contents: Contents, archives: Sequence[str]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

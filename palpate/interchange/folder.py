@@ -70,7 +70,16 @@ def export(
         partial.mkdir()
         _write_descriptions(partial, dataset, samples)
         contents.layout.write(partial, splits)
-        _write_objects(partial, dataset)
+        with (partial / "objects.csv").open("w", encoding="utf-8", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(["object", "class", "split", "mesh"])
+            for record in dataset:
+                mesh = ""  # a released dataset has none
+                if "grasps" in dataset.stages:
+                    mesh = f"meshes/{record.name}.glb"
+                    (partial / "meshes").mkdir(exist_ok=True)
+                    shutil.copyfile(mesh_file(record.mesh, "visual.glb"), partial / mesh)
+                table.writerow([record.name, record.class_name, record.split, mesh])
         names = ["data_point.png", *(f"examples_{name}.png" for name in dataset.classes)]
         for figure in filter(Path.is_file, (dataset.folder / "figures" / name for name in names)):
             dataset.require_current(figure)
@@ -97,23 +106,8 @@ def _require_new(folder: Path) -> None:
         raise FileExistsError(f"{folder} exists: name a new folder, or remove it")
 
 
-def _write_objects(folder: Path, dataset: Dataset) -> None:
-    """Write the table of objects and their meshes; a released dataset has no meshes."""
-    with (folder / "objects.csv").open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["object", "class", "split", "mesh"])
-        for record in dataset:
-            mesh = ""
-            if "grasps" in dataset.stages:
-                mesh = f"meshes/{record.name}.glb"
-                (folder / "meshes").mkdir(exist_ok=True)
-                shutil.copyfile(mesh_file(record.mesh, "visual.glb"), folder / mesh)
-            table.writerow([record.name, record.class_name, record.split, mesh])
-
-
 def _write_descriptions(folder: Path, dataset: Dataset, samples: str) -> None:
-    """Write hand, sensor, untouched reading and cameras, of the stages that there are. Raises StoreError if batches
-    have different hands or sensors."""
+    """Write hand, sensor, untouched reading and cameras; StoreError if batches have different hands or sensors."""
     stages, records = dataset.stages, [*{record.batch: record for record in dataset}.values()]
     first, *others = [_hand_and_sensor(record, stages) for record in records]
     for record, other in zip(records[1:], others, strict=True):
@@ -128,11 +122,8 @@ def _write_descriptions(folder: Path, dataset: Dataset, samples: str) -> None:
         (folder / "empty_reading.png").write_bytes(png(dataset.empty_reading))
     if "vision" in stages:
         about = {name: CONTRACT["vision"].arrays[name].meaning for name in ("intrinsics", "extrinsics")}
-        matrices = {name: dataset.load("vision", name) for name in about}
-        objects = {
-            record.name: {name: of_objects[row] for name, of_objects in matrices.items()} | record.drawn
-            for row, record in enumerate(dataset)
-        }
+        rows = zip(dataset, *(dataset.load("vision", name) for name in about), strict=True)
+        objects = {record.name: dict(zip(about, matrices, strict=True)) | record.drawn for record, *matrices in rows}
         size = dataset.array("vision", "unoccluded").shape[2]
         stated = {"about": about, "frame": FRAMES["image"], "size": size, "objects": objects}
         (folder / "cameras.json").write_text(_json(stated), encoding="utf-8")

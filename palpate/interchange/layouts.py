@@ -114,7 +114,6 @@ def pictures(grasps: GraspDataset, name: str, values: np.ndarray) -> dict[str, n
 
 
 def png(image: np.ndarray) -> bytes:
-    """A uint8 image as the bytes of a PNG file."""
     return _png(image.tobytes(), image.shape)
 
 
@@ -162,9 +161,8 @@ def _entries(item: dict[str, Any], grasps: GraspDataset) -> Iterable[tuple[str, 
 
 
 def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
-    """Write the grasps of each split as Parquet with images. Images are PNG files: the column `<array>_file_name` has
-    the path of one, `<array>_file_names` a list of paths. Other arrays are nested lists in the contract's types. Raises
-    ImportError if pyarrow is not installed."""
+    """Write the grasps of each split as Parquet: images as files, whose paths are columns, other arrays as nested lists
+    in the contract's types. Raises ImportError if pyarrow is not installed."""
     try:
         import pyarrow
         from pyarrow import parquet
@@ -174,8 +172,11 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
         (folder / split).mkdir()
         path, items = folder / split / "metadata.parquet", with_progress(grasps, split)
         first, _ = _row(grasps[0], grasps)
+        # The first bytes of all numbers together, then the second, take a third less. Single numbers stay as they are.
+        floats = {key: each for key, each in first.items() if np.ndim(each) and np.asarray(each).dtype in ("f4", "f8")}
+        apart = [name + ".list.element" * array.ndim for name, array in floats.items()]
         # Numbers hardly repeat: dictionaries of them take longer, and more bytes.
-        how = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": _bytes_apart(first)}
+        how = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": apart}
         running: list[Future[None]] = []
         with (
             parquet.ParquetWriter(path, _table(pyarrow, [first]).schema, **how) as writer,
@@ -214,60 +215,46 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     path.write_bytes(png(image))
 
 
-def _bytes_apart(row: dict[str, Any]) -> list[str]:
-    """Parquet's paths of the columns of arrays of floating-point numbers, whose first bytes are stored together, then
-    the second (BYTE_STREAM_SPLIT): they take a third less. Single numbers stay as every reader has them."""
-    arrays = {name: value for name, value in row.items() if isinstance(value, np.ndarray) and value.ndim}
-    return [name + ".list.element" * array.ndim for name, array in arrays.items() if array.dtype in ("f4", "f8")]
-
-
 def _table(pyarrow: Any, rows: list[dict[str, Any]]) -> Any:
-    return pyarrow.table({name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]})
-
-
-def _column(pyarrow: Any, values: list[Any]) -> Any:
-    if not isinstance(values[0], np.ndarray) or values[0].dtype.kind in "UO":
-        return pyarrow.array(values)
-    stacked = np.stack(values)
-    column = pyarrow.array(stacked.ravel())
-    for length in reversed(stacked.shape[1:]):
-        column = pyarrow.FixedSizeListArray.from_arrays(column, length)
-    return column
+    columns = {}
+    for name, first in rows[0].items():
+        values = [row[name] for row in rows]
+        if not isinstance(first, np.ndarray) or first.dtype.kind in "UO":
+            columns[name] = pyarrow.array(values)
+            continue
+        columns[name] = pyarrow.array(np.ravel(values))
+        for length in reversed(first.shape):
+            columns[name] = pyarrow.FixedSizeListArray.from_arrays(columns[name], length)
+    return pyarrow.table(columns)
 
 
 def write_zarr_groups(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
     """Write the grasps of each split. Every chunk is written: Zarr takes a missing one for zeros."""
     for split, grasps in splits.items():
         group, items = zarr.create_group(folder / f"{split}.zarr"), with_progress(grasps, split)
-        arrays = {name: _create(group, name, np.asarray(value), grasps) for name, value in grasps[0].items()}
+        arrays = {}
+        for name, value in grasps[0].items():
+            _, spec = grasps.sources.get(name, ("", None))
+            arrays[name] = group.create_array(
+                name,
+                shape=(len(grasps), *np.shape(value)),
+                dtype="string" if name in TEXT else np.asarray(value).dtype,
+                chunks=(CHUNK, *np.shape(value)),
+                compressors=BloscCodec(**COMPRESSION),
+                attributes={"meaning": spec.meaning, "unit": spec.unit} if spec else {},
+                dimension_names=(grasps.unit, *(grasps.dimensions(name) if spec else ())),
+                config={"write_empty_chunks": True},
+            )
         for start in range(0, len(grasps), CHUNK):
             rows = list(itertools.islice(items, CHUNK))
             for name, array in arrays.items():
                 array[start : start + len(rows)] = np.array([row[name] for row in rows], array.dtype)
 
 
-def _create(group: zarr.Group, name: str, value: np.ndarray, grasps: GraspDataset) -> zarr.Array:
-    """The array of a name in a split, for values like this of all its grasps."""
-    _, spec = grasps.sources.get(name, ("", None))
-    return group.create_array(
-        name,
-        shape=(len(grasps), *value.shape),
-        dtype="string" if name in TEXT else value.dtype,
-        chunks=(CHUNK, *value.shape),
-        compressors=BloscCodec(**COMPRESSION),
-        attributes={"meaning": spec.meaning, "unit": spec.unit} if spec else {},
-        dimension_names=(grasps.unit, *(grasps.dimensions(name) if spec else ())),
-        config={"write_empty_chunks": True},
-    )
-
-
-def _files(name: str, images: list[str]) -> list[str]:
-    """The files of WebDataset that hold an array of a sample."""
-    return [f"{image}.png" for image in images] or [f"{name}.npy"]
-
-
 FORMATS = {  # by the names that the command has for them
-    "webdataset": Layout("webdataset", write_webdataset, "{}-*.tar", _files),
+    "webdataset": Layout(
+        "webdataset", write_webdataset, "{}-*.tar", lambda name, own: [f"{key}.png" for key in own] or [f"{name}.npy"]
+    ),
     "parquet": Layout("parquet", write_parquet, "{}/**", _columns),
     "zarr": Layout("zarr", write_zarr_groups, "{}.zarr/**", lambda name, _: [name]),
 }

@@ -69,13 +69,10 @@ def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndar
     position = _floats(path, "cam_pos", scene["cam_pos"], (SENSORS, 3))[sensor]
     angles = _floats(path, "cam_rot", scene["cam_rot"], (SENSORS, 3))[sensor]
     rotation = Rotation.from_euler("xyz", angles).as_matrix()
-    made = {
-        **{"success": np.array(False), "position": position, "rotation": rotation},
-        "depth": np.full((RESOLUTION, RESOLUTION), np.inf, dtype=np.float32),
-        "reading": np.zeros((RESOLUTION, RESOLUTION, 3), dtype=np.uint8),
-        "points": np.zeros((RESOLUTION**2, 3), dtype=np.float32),
-        "point_count": np.array(0, dtype=np.int32),
-    }
+    made = {"success": np.array(False), "position": position, "rotation": rotation}
+    made |= {"depth": np.full((RESOLUTION, RESOLUTION), np.inf, dtype=np.float32)}
+    made |= {"reading": np.zeros((RESOLUTION, RESOLUTION, 3), dtype=np.uint8)}
+    made |= {"points": np.zeros((RESOLUTION**2, 3), dtype=np.float32), "point_count": np.array(0, dtype=np.int32)}
     where = f"of sensor {sensor}"
     if len(scene["points"]) != SENSORS or np.size(scene["touch_success"]) != SENSORS:
         raise UnusableObject(f"{path}: expected touch_success and points of {SENSORS} sensors")
@@ -86,8 +83,7 @@ def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndar
         raise UnusableObject(f"{path}: {len(points)} points {where}, more than the {RESOLUTION**2} pixels that it has")
     local = (points - position) @ rotation
     row, column = (_pixel(local[:, axis]) for axis in (2, 1))
-    order = np.lexsort((column, row))
-    row, column, local, points = row[order], column[order], local[order], points[order]
+    row, column, local, points = (values[np.lexsort((column, row))] for values in (row, column, local, points))
     inside = (row >= 0) & (row < RESOLUTION) & (column >= 0) & (column < RESOLUTION)
     np.minimum.at(made["depth"], (row[inside], column[inside]), local[inside, 0].astype(np.float32))
     if np.isfinite(made["depth"]).sum() != len(points):
@@ -98,9 +94,8 @@ def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndar
 
 
 def _pixel(along: np.ndarray) -> np.ndarray:
-    """Rows or columns (k,) of points from their coordinate along the sensor plane, m. It is not documented whether
-    points are at pixels' centres (as here) or corners (as in the authors' network): their circular mean within a pixel
-    shows it."""
+    """Rows or columns (k,) of points from their coordinate along the sensor plane, m. Whether points are at pixels'
+    centres (as here) or corners (as in the authors' network) their circular mean within a pixel shows."""
     place = along / SENSOR_WIDTH * RESOLUTION + RESOLUTION / 2
     turn = np.angle(np.exp(2j * np.pi * place).mean()) / (2 * np.pi)  # in [-0.5, 0.5]
     within = turn if turn >= -0.25 else turn + 1
@@ -139,10 +134,9 @@ def read_empty_reading(root: Path | str) -> np.ndarray:
 
 
 def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.ndarray) -> tuple[float, float]:
-    """Agreement of the readings of a touch record with its depths, as they are and transposed; nan without touches. The
-    share of pixels that differ from the empty reading where something is in range, and equal it elsewhere. The release
-    does not document the axes of a gel's image: if the second number is larger over many objects, they are
-    exchanged."""
+    """Agreement of a record's readings with its depths, as they are and transposed; nan without touches: the share
+    of pixels that differ from the empty reading where something is in range, and equal it elsewhere. If the second is
+    larger over many objects, the axes of a gel's image, which the release does not document, are exchanged."""
     touched = touch["success"]
     if not touched.any():
         return float("nan"), float("nan")

@@ -40,11 +40,10 @@ class ReleasedObject(NamedTuple):
 
     @classmethod
     def from_source(cls, source: str) -> "ReleasedObject":
-        """The object whose surface the catalogue names."""
         return cls(Path(source).parent.name, Path(source).stem)
 
     def surface(self, root: Path | str) -> Path:
-        return Path(root) / self.source
+        return Path(root, self.source)
 
     def image(self, root: Path | str, grasp: int | None = None) -> Path:
         """Image of a grasp, or of the object alone."""
@@ -63,10 +62,8 @@ def read_released(root: Path | str) -> list[ReleasedObject]:
     root = Path(root)
     for folder in (SURFACES, IMAGES, SCENES):
         if not (root / folder).is_dir():
-            raise UnusableObject(
-                f"{root / folder}: no such folder: set source.path to the folder that holds {SURFACES}, {IMAGES},"
-                f" {SCENES} and split.npy"
-            )
+            expected = f"set source.path to the folder that holds {SURFACES}, {IMAGES}, {SCENES} and split.npy"
+            raise UnusableObject(f"{root / folder}: no such folder: {expected}")
     splits = read_splits(root / "split.npy")
     complete, without = [], []
     for class_name in subfolders(root / IMAGES):

@@ -4,7 +4,6 @@
 only record their arguments; arrays are built from these records afterwards, from checked shapes, types and bytes.
 """
 
-import io
 import pickle
 import pickletools
 from collections.abc import Callable
@@ -30,7 +29,25 @@ def load_plain(path: Path | str) -> Any:
     path = Path(path)
     try:
         with path.open("rb") as file:
-            return _load(file)
+            major, minor = np.lib.format.read_magic(file)
+            read = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
+            if major not in read:
+                raise ValueError(f"format version {major}.{minor}")
+            shape, _, dtype = read[major](file)
+            if not dtype.hasobject:
+                file.seek(0)
+                array = np.load(file, allow_pickle=False)
+            else:
+                start = file.tell()
+                for opcode, number, _ in pickletools.genops(file):  # the machine makes a table as long as the number
+                    if opcode.name in ("BINPUT", "LONG_BINPUT", "PUT") and number > MOST_KEPT:
+                        raise ValueError(f"it keeps an object as number {number}")
+                file.seek(start)
+                # The encoding is of Python 2's strings, which held arrays' bytes.
+                array = np.asarray(_plain(_Reader(file, encoding="latin1").load()))
+                if array.shape != shape:
+                    raise ValueError(f"shape {shape} in the header, {array.shape} in the pickle")
+            return array.item() if array.shape == () else array
     except FileNotFoundError:
         raise UnusableObject(f"{path}: no such file") from None
     except _Refused as refused:
@@ -43,29 +60,6 @@ def load_plain(path: Path | str) -> Any:
 
 class _Refused(Exception):
     """The name that a pickle asked for."""
-
-
-def _load(file: io.BufferedIOBase) -> Any:
-    """The array of an open file, or its element. Raises `_Refused` for what is not plain."""
-    major, minor = np.lib.format.read_magic(file)
-    read = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
-    if major not in read:
-        raise ValueError(f"format version {major}.{minor}")
-    shape, _, dtype = read[major](file)
-    if not dtype.hasobject:
-        file.seek(0)
-        array = np.load(file, allow_pickle=False)
-    else:
-        start = file.tell()
-        for opcode, number, _ in pickletools.genops(file):  # the machine makes a table as long as the number
-            if opcode.name in ("BINPUT", "LONG_BINPUT", "PUT") and number > MOST_KEPT:
-                raise ValueError(f"it keeps an object as number {number}")
-        file.seek(start)
-        # The encoding is of Python 2's strings, which held arrays' bytes.
-        array = np.asarray(_plain(_Reader(file, encoding="latin1").load()))
-        if array.shape != shape:
-            raise ValueError(f"shape {shape} in the header, {array.shape} in the pickle")
-    return array.item() if array.shape == () else array
 
 
 class _Reader(pickle.Unpickler):

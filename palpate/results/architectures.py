@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+
 from palpate.architectures import PAPER_ARCHITECTURES
 from palpate.camera import IMAGE_SIZE
 from palpate.experiments import Experiment
@@ -31,9 +33,7 @@ def operation(layer: nn.Module) -> str:
     kind = type(layer).__name__
     if kind in STRIDED:
         name, stride = STRIDED[kind]
-        size, real = (
-            value if isinstance(value, tuple) else (value,) * 2 for value in (layer.kernel_size, layer.stride)
-        )
+        size, real = (np.broadcast_to(cast("Any", value), 2) for value in (layer.kernel_size, layer.stride))
         return f"{name} ({size[0]} x {size[1]})" + ("" if real[0] == stride else f" (stride {real[0]})")
     return WORDS.get(kind) or " + ".join(map(operation, cast("nn.Sequential", layer)))
 
@@ -47,9 +47,9 @@ class Listing:
     def add(self, operation: str, shape: tuple[int, ...] | int, *sources: str, index: str | None = None) -> str:
         """Adds a row and returns its name. shape: C, H, W of a map, or a vertex's channels."""
         steps = sum(row["index"].isdigit() for row in self.rows)
-        row = {"index": index or str(1 + steps), "input": " ".join(sources), "operation": operation}
         size = f"|V| x {shape}" if isinstance(shape, int) else " x ".join(map(str, shape))
-        self.rows.append(row | {"shape": size})
+        row = {"index": index or str(1 + steps), "input": " ".join(sources), "operation": operation, "shape": size}
+        self.rows.append(row)
         return operation if index else f"({1 + steps})"
 
     def run(self, layer: nn.Module, source: tuple[str, Tensor]) -> tuple[str, Tensor]:

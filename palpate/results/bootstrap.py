@@ -39,14 +39,14 @@ class Estimate(NamedTuple):
         return 0 if abs(self.value) <= spread else int(self.low > 0) - int(self.high < 0)
 
 
-def _first(means: np.ndarray) -> np.ndarray:
+def first(means: np.ndarray) -> np.ndarray:
     return means[..., 0]
 
 
 def interval(
     values: Sequence[np.ndarray],
     classes: np.ndarray,
-    statistic: Statistic = _first,
+    statistic: Statistic = first,
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Estimate:
@@ -73,21 +73,20 @@ def interval(
     freedom = _degrees_of_freedom(values, classes, slopes)
     if np.isnan(freedom):
         return Estimate(value, np.nan, np.nan)
-    replicates = statistic(_replicates(values, classes, resamples, np.random.default_rng(seed)))
+    replicates = statistic(_replicates(values, classes, resamples, seed))
     half = float(stdtrit(freedom, (1 + 0.95) / 2) * np.nanstd(replicates, ddof=1))
     return Estimate(value, value - half, value + half)
 
 
-def between_seeds(values: Sequence[np.ndarray], classes: np.ndarray, statistic: Statistic = _first) -> float:
+def between_seeds(values: Sequence[np.ndarray], classes: np.ndarray, statistic: Statistic = first) -> float:
     """How far two seeds differ in a statistic of the experiments' averages: the mean of |difference| over all pairs of
     seeds (Gini's mean difference). nan with one seed. Arguments and errors are those of `interval`."""
     values, classes = _checked(values, classes)
     weights = _class_weights(classes)
     seeds = max(map(len, values))
-    averages = np.stack([np.broadcast_to(array @ weights, seeds) for array in values], axis=1)
-    by_seed = statistic(averages)
-    first, second = np.triu_indices(seeds, k=1)
-    return float(np.abs(by_seed[first] - by_seed[second]).mean()) if seeds > 1 else np.nan
+    by_seed = statistic(np.stack([np.broadcast_to(array @ weights, seeds) for array in values], axis=1))
+    one, other = np.triu_indices(seeds, k=1)
+    return float(np.abs(by_seed[one] - by_seed[other]).mean()) if seeds > 1 else np.nan
 
 
 def ratio_interval(numerator: np.ndarray, denominator: np.ndarray, classes: np.ndarray) -> Estimate:
@@ -108,8 +107,8 @@ def ratio_interval(numerator: np.ndarray, denominator: np.ndarray, classes: np.n
 
 def _ratio(means: np.ndarray) -> np.ndarray:
     """The first average over the second; nan where that is zero (only objects without touches were drawn)."""
-    first, second = means[..., 0], means[..., 1]
-    return np.divide(first, second, out=np.full_like(first, np.nan), where=second > 0)
+    above, below = means[..., 0], means[..., 1]
+    return np.divide(above, below, out=np.full_like(above, np.nan), where=below > 0)
 
 
 def _checked(values: Sequence[np.ndarray], classes: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
@@ -131,11 +130,9 @@ def _class_weights(classes: np.ndarray) -> np.ndarray:
     return 1 / (len(counts) * counts[index])
 
 
-def _replicates(
-    values: Sequence[np.ndarray], classes: np.ndarray, resamples: int, rng: np.random.Generator
-) -> np.ndarray:
+def _replicates(values: Sequence[np.ndarray], classes: np.ndarray, resamples: int, seed: int) -> np.ndarray:
     """(resamples, experiments) averages over objects and seeds that were drawn."""
-    weights = np.zeros((resamples, len(classes)))
+    rng, weights = np.random.default_rng(seed), np.zeros((resamples, len(classes)))
     for name in np.unique(classes):
         members = np.flatnonzero(classes == name)
         weights[:, members] = _drawn(len(members), resamples, rng) / len(np.unique(classes))

@@ -1,4 +1,5 @@
-"""The paper's claims that a number can decide, and a run's verdict on each, for the paper's method and for ours.
+"""The paper's claims that a number can decide, and a run's verdict on each; and what touch, grasps, copying and
+communication change: differences of two experiments. Of the paper's method and of ours.
 
 `paper/claims.csv` has a row a claim: the sentence, and where the paper makes it; the `group` of claims that say the
 same of several set-ups; the split and the table whose experiments decide it; `experiments`, whose averages the
@@ -10,26 +11,29 @@ undecided too if two seeds differ by more than the number. Bounds of a statistic
 Two limits come from the paper's own numbers. "Approximately the same loss at every plane size" (section 5.3) is
 `change 0.3`: the paper's vision-only errors change by -28 % and -15 % from ring 1 to ring 5. "Practically perfect, when
 compared to the error incurred over full surfaces" is `share_of_least 0.05`: the paper's share is 1.2 %.
+
+`paper/effects.csv` has a row a difference: what it shows, and two terms. `docs/evaluation.md` says what a finding is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.experiments import METHODS
+from palpate.experiments import METHODS, SPLITS
 from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic
-from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.published import claims, paper_values, stated
+from palpate.results.errors import AVERAGE, Errors, errors, ratio
+from palpate.results.published import claims, effects, paper_values, stated
 
 if TYPE_CHECKING:
     from pandas import DataFrame as Frame
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
+EFFECTS = {-1: "better", 0: "undecided", 1: "worse"}  # by the sign of a finding
 
 
 def _slope(means: np.ndarray) -> np.ndarray:
@@ -143,3 +147,89 @@ def _stated(claim: dict[str, Any]) -> np.ndarray:
     local = paper_values("local_touch_charts").set_index("class")["value"]
     known = stated(table) | {"cloud": local[AVERAGE]}
     return np.array([known[term.key] for term in claim["stated"]])
+
+
+@products.table(evaluations="effects", splits=("validation", "test"))
+def touch_effect(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
+    """What touch, more grasps, copying and communication change, in the paper's method and in ours: the Chamfer
+    distance (9000 times m²) of one experiment less that of another, paired by object and seed, on both splits. `better`
+    and `worse` are findings: the interval excludes 0, and two seeds differ by less. `percent abc`: as published by the
+    authors for their models on ABC objects.
+
+    Differences are those whose experiments `evaluations` has. Columns: `difference`, the experiment's average less the
+    other's; `percent` of the other's, the paper's and that of ABC objects; `between_seeds`, how far two seeds differ in
+    the difference. Raises EvaluationError if experiments were measured on different objects or with different seeds.
+    """
+    rows, abc = [], stated("abc")
+    for row, split, measured in _compared(evaluations):
+        published = {"paper": _stated_on(split, AVERAGE), "abc": abc}
+        rows.append(row["named"] | {"split": split} | _difference(measured, row, published, resamples))
+    return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
+
+
+@products.table(evaluations="effects", splits=("validation", "test"))
+def touch_effect_by_class(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
+    """What touch, more grasps, copying and communication change in each class. `error` and its median are those of the
+    experiment that is compared with."""
+    rows = []
+    for row, split, whole in _compared(evaluations):
+        for name in whole.class_names:
+            measured, other = whole.of_class(name), [row["compared_with"]]
+            known = {"class": name, "error": measured.values[other[0]].mean(), "error_median": measured.median(other)}
+            difference = _difference(measured, row, {"paper": _stated_on(split, name), "abc": {}}, resamples)
+            rows.append(row["named"] | {"split": split, **known, **difference})
+    what = "`error` is that of what it is compared with. A difference is between averages of the class"
+    return _effects_table(rows, evaluations, what)
+
+
+def _compared(evaluations: Frame) -> Iterator[tuple[dict[str, Any], str, Errors]]:
+    """The differences that were measured, with each split and its errors; `named`: columns that say what they are."""
+    chosen = effects(set(evaluations["experiment"]))
+    names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
+    by_split = {split: errors(evaluations, names, split) for split in SPLITS}
+    for row in chosen:
+        named = {"effect": row["effect"], "method": METHODS[row["method"]].label}
+        named |= {key: row[key] for key in ("experiment", "compared_with")}
+        for split, measured in by_split.items():
+            yield row | {"named": named}, split, measured
+
+
+def _difference(
+    measured: Errors, row: dict[str, Any], others: Mapping[str, dict[str, float]], resamples: int
+) -> dict[str, Any]:
+    """The columns from `difference` on; others: published averages, of the `paper`, and of `abc` objects."""
+    pair = row["experiment"], row["compared_with"]
+    (difference,) = STATISTICS["contrast"](1, -1)
+    estimate = measured.estimate(pair, difference, resamples)
+    percent = measured.estimate(pair, lambda means: 100 * (ratio(means) - 1), resamples)
+    spread = measured.between_seeds(pair, difference)
+    sizes, sign = tables.size_columns(measured, *pair), estimate.sign(spread)
+    published = {f"percent_{name}": [known.get(key, np.nan) for key in row["stated"]] for name, known in others.items()}
+    return {
+        **estimate.columns("difference"),
+        "difference_median": measured.median(pair, difference),
+        **percent.columns("percent"),
+        **{name: 100 * (one / other - 1) for name, (one, other) in published.items()},
+        "between_seeds": spread,
+        "verdict": EFFECTS[sign] + (" (one seed)" if sign and sizes["seeds"] == 1 else ""),
+        **sizes,
+    }
+
+
+def _effects_table(rows: list[dict], evaluations: Frame, what: str) -> Frame:
+    """The table of these rows, which evaluations are compared in; its note begins with `what` a difference is."""
+    table = tables.frame_of(rows, evaluations["class"])
+    if table["percent_abc"].isna().all():
+        del table["percent_abc"]
+    table.attrs["note"] = (
+        f"{what}, paired by object and seed. It is a finding (better, worse) if its interval excludes 0 and two seeds "
+        f"differ by less (`between seeds`). {tables.intervals_note(int(table['seeds'].max()))}{tables.MEDIANS_NOTE}"
+    )
+    table.attrs |= {"decimals": 3, "exact": {"percent": 1, "percent_abc": 1}}
+    return table
+
+
+def _stated_on(split: str, group: str) -> dict[str, float]:
+    """The paper's numbers of its experiments on a split, of a class or the average."""
+    named = ("model_selection",) if split == "validation" else ("grasps", "input_modalities")
+    return {name: value for table in named for name, value in stated(table, group).items()}

@@ -64,17 +64,15 @@ def dataset_statistics(frames: Frames) -> DataFrame:
     for name, members, class_grasps in _classes(objects, grasps):
         kept = members[members["object"].isin(class_grasps["object"])]
         by_object = _by_object(class_grasps)
-        successful = _share(by_object, "successful_touches", "touches")
+        percent, low, high = (100 * each for each in _share(by_object, "successful_touches", "touches"))
         quantities: dict[str, float] = {"objects": len(kept), "grasps": len(class_grasps)}
-        quantities["touches"] = int(class_grasps["touches"].sum())
-        quantities["successful_percent"] = 100 * successful.value
+        quantities |= {"touches": int(class_grasps["touches"].sum()), "successful_percent": percent}
         quantities |= {split: int((kept["split"] == split).sum()) for split in SPLITS}
         row: dict[str, Any] = {"class": name}
         for quantity, value in quantities.items():
-            row[quantity] = value
-            if quantity == "successful_percent":
-                row |= {"successful_low": 100 * successful.low, "successful_high": 100 * successful.high}
-            row[f"{quantity}_paper"] = published.get((name, quantity), np.nan)
+            row |= {quantity: value}
+            row |= {"successful_low": low, "successful_high": high} if quantity == "successful_percent" else {}
+            row |= {f"{quantity}_paper": published.get((name, quantity), np.nan)}
         out = int(members["object"].isin(rejected["object"]).sum())
         attempts = by_object["attempts"].mean() if len(by_object) else np.nan
         rows.append(row | {"attempted": len(members), "rejected": out, "attempts": attempts})
@@ -116,9 +114,8 @@ def hold(dataset: Dataset) -> DataFrame:
     import pandas as pd
 
     grasps = dataset.table()
-    held, along = (
-        dataset.array("hold", name)[:] if len(dataset) else np.zeros((0, 6)) for name in ("held", "held_along")
-    )
+    names = ("held", "held_along")
+    held, along = (dataset.array("hold", name)[:] if len(dataset) else np.zeros((0, 6)) for name in names)
     kept = along.reshape(-1, 6) == 1
     shares = {"all": kept.all(axis=1), "some": kept.any(axis=1), "directions": kept.mean(axis=1)}
     grasps = grasps.assign(simulated=held.ravel() >= 0, **shares)
@@ -133,6 +130,37 @@ def hold(dataset: Dataset) -> DataFrame:
                 row |= _share(by_object, share, "one").columns(f"{share}_percent", 100)
             rows.append(row | {"not_simulated": int((~chosen["simulated"]).sum())})
     return pd.DataFrame(rows).round(2)
+
+
+@products.table(stores=("surface", "press"), category="Dataset", simulated=True)
+def presses(dataset: Dataset) -> DataFrame:
+    """Presses by class and force (N), means over presses with 95 % bootstrap intervals over objects: area of contact
+    within the image (mm²), how far the sensor goes on from its first touch (`depth`, mm), and the percentage of the
+    force that is within the image. `pressure` is the mean of each press's largest (kPa), `strain` the largest of all.
+    """
+    import pandas as pd
+
+    rows = []
+    for record in dataset:
+        for press in record.presses:
+            area = (press.pressure > 0).sum(axis=(1, 2)) * np.prod(press.sensor.pixel)
+            pressure = press.pressure.max(axis=(1, 2)).astype(float) / 1e3
+            values = {"force": press.force, "area": 1e6 * area, "depth": 1e3 * press.approach, "one": 1}
+            values |= {"inside_percent": 100 * press.inside, "pressure": pressure, "strain": press.strain}
+            rows.append(pd.DataFrame({"object": record.name, "class": record.class_name} | values))
+    if not rows:
+        return pd.DataFrame({"class": [], "force": []})
+    measured, table = pd.concat(rows), []
+    for name in [*measured["class"].unique(), "total"]:
+        members = measured if name == "total" else measured[measured["class"] == name]
+        for force, chosen in members.groupby("force"):
+            by_object = chosen.groupby("object", sort=False)
+            sums, classes = by_object[["area", "depth", "inside_percent", "one"]].sum(), by_object["class"].first()
+            row: dict[str, Any] = {"class": name, "force": force, "objects": len(sums), "presses": len(chosen)}
+            for column, most in {"area": np.inf, "depth": np.inf, "inside_percent": 100}.items():
+                row |= ratio_interval(sums[column], sums["one"], classes).within(0, most).columns(column)
+            table.append(row | {"pressure": chosen["pressure"].mean(), "strain": chosen["strain"].max()})
+    return pd.DataFrame(table).round(3)
 
 
 def _classes(objects: DataFrame, grasps: DataFrame) -> Iterator[tuple[str, DataFrame, DataFrame]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.learning.rows import EvaluationError
-from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic, between_seeds, interval
+from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic, between_seeds, first, interval
 
 if TYPE_CHECKING:
     from pandas import DataFrame as Frame
@@ -40,27 +40,23 @@ class Errors(NamedTuple):
         return self._replace(objects=self.objects[chosen], classes=self.classes[chosen], values=values)
 
     def estimate(
-        self, experiments: Sequence[str], statistic: Statistic | None = None, resamples: int = RESAMPLES
+        self, experiments: Sequence[str], statistic: Statistic = first, resamples: int = RESAMPLES
     ) -> Estimate:
         """A statistic of the averages of some experiments, with its interval; by default the first's average,
         whose interval ends at 0, because errors are not negative."""
-        values = [self.values[name] for name in experiments]
-        if statistic is not None:
-            return interval(values, self.classes, statistic, resamples)
-        return interval(values, self.classes, resamples=resamples).within(0)
+        found = interval([self.values[name] for name in experiments], self.classes, statistic, resamples)
+        return found.within(0) if statistic is first else found
 
-    def median(self, experiments: Sequence[str], statistic: Statistic | None = None) -> float:
+    def median(self, experiments: Sequence[str], statistic: Statistic = first) -> float:
         """The median over objects of a statistic of some experiments' errors, each the mean over seeds."""
         by_object = np.stack([self.values[name].mean(axis=0) for name in experiments], axis=1)
-        return float(np.median(by_object[:, 0] if statistic is None else statistic(by_object)))
+        return float(np.median(statistic(by_object)))
 
-    def between_seeds(self, experiments: Sequence[str], statistic: Statistic | None = None) -> float:
-        """How far two seeds differ in a statistic of the averages of some experiments; nan with one seed, and of what
-        is not trained alone."""
+    def between_seeds(self, experiments: Sequence[str], statistic: Statistic = first) -> float:
+        """How far two seeds differ in a statistic of averages; nan with one seed, and if nothing of it is trained."""
         if not any(self.steps[name][1] for name in experiments):
             return np.nan
-        values = [self.values[name] for name in experiments]
-        return between_seeds(values, self.classes, *([statistic] if statistic else []))
+        return between_seeds([self.values[name] for name in experiments], self.classes, statistic)
 
 
 def ratio(means: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import Errors, errors, ratio
+from palpate.results.model_tables import Experiments
 from palpate.results.page import COLOURS, INK, LABEL, PALE, TITLE, new_figure, picture_grid, save, save_sentence
 from palpate.results.published import stated
 from palpate.vision import Mesh, spheres
@@ -140,11 +141,7 @@ def touches(record: ObjectRecord) -> list[tuple[GraspRecord, int]]:
 
 @products.figure(evaluations="grasps")
 def multi_grasp(
-    evaluations: Frame,
-    experiments: tables.Experiments,
-    path: Path | str,
-    split: str = "test",
-    resamples: int = RESAMPLES,
+    evaluations: Frame, experiments: Experiments, path: Path | str, split: str = "test", resamples: int = RESAMPLES
 ) -> None:
     """Chamfer distance with more grasps, relative to that with one, for each method and input; bands are 95 % bootstrap
     intervals, dashed lines the paper's values."""
@@ -170,11 +167,7 @@ def multi_grasp(
 
 @products.figure(selections="grasp_selection", on_request=True)
 def grasp_selection(
-    selections: Frame,
-    experiments: tables.Experiments,
-    path: Path | str,
-    split: str = "test",
-    resamples: int = RESAMPLES,
+    selections: Frame, experiments: Experiments, path: Path | str, split: str = "test", resamples: int = RESAMPLES
 ) -> None:
     """Chamfer distance after each grasp that a strategy chose among those stored, relative to the first, with 95 %
     bootstrap intervals. The oracle takes the grasp that leaves the least error."""
@@ -191,7 +184,7 @@ def grasp_selection(
 
 @products.figure(rings="extrapolation")
 def error_over_rings(
-    rings: Frame, experiments: tables.Experiments, path: Path | str, split: str = "test", resamples: int = RESAMPLES
+    rings: Frame, experiments: Experiments, path: Path | str, split: str = "test", resamples: int = RESAMPLES
 ) -> None:
     """Mean squared distance from the true surface to the prediction, in square rings around each touch: this run's,
     with 95 % bootstrap intervals, for occluded and unoccluded vision; and the paper's. Charts without communication are
@@ -304,8 +297,8 @@ def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Pa
             pictures = columns[f"{inputs}\n{count} grasp{'s' * (count > 1)}" if count else f"{inputs}\nalone"] = []
             for record in records:
                 inputs_of_one = of_object(record, reconstructor.experiment, range(max(count, 1)))
-                prediction = reconstructor(*inputs_of_one._replace(touches=record.grasps[:count]))
-                pictures.append(render(record, coloured(prediction)))
+                shape = reconstructor(*inputs_of_one._replace(touches=record.grasps[:count]))
+                pictures.append(render(record, coloured(shape)))
     figure, axes = picture_grid([record.name for record in records], list(columns), cell=1.3)
     for row, pictures in zip(axes, zip(*columns.values(), strict=True), strict=True):
         (left, top), (right, bottom) = window(pictures)

@@ -152,8 +152,8 @@ def local_touch_charts(touches: Frame, split: str = "test", resamples: int = RES
         {"prediction": label} | _by_class(measured, name, name, published, resamples) | size_columns(measured, name)
         for name, label in TOUCH_ESTIMATES.items()
     ]
-    counts = touches[touches["split"] == split]
-    note = f" {len(counts)} successful touches; an object's error is the mean over its touches."
+    count = (touches["split"] == split).sum()
+    note = f" {count} successful touches; an object's error is the mean over its touches."
     return _finish(rows, split, measured, note, decimals=5)
 
 
@@ -330,13 +330,10 @@ def ratio_columns(label: str, measured: Errors, one: str, other: str, resamples:
 
 
 def size_columns(measured: Errors, *names: str) -> dict[str, Any]:
-    low = min(measured.steps[name][0] for name in names)
-    high = max(measured.steps[name][1] for name in names)
-    return {
-        "objects": len(measured.objects),
-        "seeds": max(len(measured.values[name]) for name in names),
-        "steps": str(low) if low == high else f"{low} to {high}",
-    }
+    lows, highs = zip(*(measured.steps[name] for name in names), strict=True)
+    steps = f"{min(lows)} to {max(highs)}" if min(lows) != max(highs) else str(min(lows))
+    seeds = max(len(measured.values[name]) for name in names)
+    return {"objects": len(measured.objects), "seeds": seeds, "steps": steps}
 
 
 def frame_of(rows: list[dict], classes: Iterable[str]) -> Frame:

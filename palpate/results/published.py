@@ -1,7 +1,7 @@
 """The paper's numbers (`paper/*.csv`), typed from its tables; each row names its table and unit.
 
 `contradictions` says what in `architectures` contradicts itself, and what is meant; `claims` and `effects` what decides
-each claim of the text (`palpate.results.claims`, `.effects`). Not of the paper are `grasp_selection`, the share of the
+each claim of the text (`palpate.results.claims`). Not of the paper are `grasp_selection`, the share of the
 first error left after five chosen grasps, and `abc`, of the authors' released models on their released ABC objects.
 """
 

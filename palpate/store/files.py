@@ -43,10 +43,12 @@ def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attrib
     arrays = {name: np.asarray(array) for name, array in arrays.items()}
     check_headers(path, spec, {name: (array.shape, array.dtype) for name, array in arrays.items()})
     # In one order, whatever that of the arguments, for the bytes to be the same.
-    arrays = {
-        name: _text(path, name, arrays[name]) if arrays[name].dtype.kind in "UO" else arrays[name]
-        for name in [*filter(arrays.__contains__, spec.arrays), *sorted(set(arrays) - set(spec.arrays))]
-    }
+    ordered = [*filter(arrays.__contains__, spec.arrays), *sorted(set(arrays) - set(spec.arrays))]
+    arrays = {name: arrays[name] for name in ordered}
+    for name in [name for name in ordered if arrays[name].dtype.kind in "UO"]:
+        if not all(isinstance(value, str) for value in arrays[name].flat):
+            raise StoreError(f"{path}: array {name!r} must hold strings only")
+        arrays[name] = arrays[name].astype(object)  # which both libraries take
     described = {key: value for key, value in {**describe(spec), **attributes}.items() if key != "made_from"}
     with atomic_write(path, attributes["made_from"]) as partial:
         (write_zarr if path.suffix == ".zarr" else write_hdf5)(partial, spec, arrays, described)
@@ -100,13 +102,6 @@ def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict
     values = {symbol: length for symbol, (_, length) in sizes.items()}
     if "rc" in found and "c" in values and values["rc"] != values["r"] * values["c"]:
         raise StoreError(f"{what}: {values['rc']} rows, but readings have {values['r']} x {values['c']} pixels")
-
-
-def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
-    """An array of strings as an array of objects, which both libraries take."""
-    if not all(isinstance(value, str) for value in array.flat):
-        raise StoreError(f"{path}: array {name!r} must hold strings only")
-    return array.astype(object)
 
 
 class Store:
@@ -200,10 +195,9 @@ def read(path: Path | str, *names: str) -> dict[str, np.ndarray]:
 
 
 def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """The arrays of a batch, from the named arrays of each of its objects, in the contract's types. The arrays of the
-    objects are stacked. Optional arrays that no object has are omitted. `object` is made here. Axes of a batch without
-    objects have length 0; it has no arrays that only a config asks for. Raises StoreError if objects have arrays of
-    different shapes."""
+    """The arrays of a batch, stacked from those of its objects, in the contract's types, with `object`. Optional ones
+    that no object has are omitted. Axes of a batch without objects have length 0; it has no arrays that only a config
+    asks for. Raises StoreError if objects have arrays of different shapes."""
     arrays = {"object": np.array(list(records), dtype=str)}
     for name, spec in CONTRACT[stage].arrays.items():
         if not spec.of_objects or name == "object":

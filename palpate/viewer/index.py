@@ -20,6 +20,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 from PIL import Image
 
+from palpate import viewer
 from palpate.batch import one_line_error
 from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.dataset import Dataset, ObjectRecord
@@ -68,8 +69,7 @@ def run_page(
 ) -> Path:
     """Write the page of a run; returns its path, by default `index.html` in the run's folder.
     pages: folder of the objects' own pages, by default `viewer` in the run's. object_pages: how many objects get one,
-    the first ones of all classes in turn, if it is missing or older than their stores. What can't be read is named in
-    the page, and does not stop it."""
+    of all classes in turn, if it is missing or older than their stores. The page names what can't be read."""
     run, problems = Run(folder), []
     path, pages = Path(path or run.folder / "index.html"), Path(pages or run.folder / "viewer")
     link = partial(_link, run.folder, path.parent)
@@ -89,7 +89,9 @@ def run_page(
     whole = [record for record in shown if stages and all(path.exists() for path in _stores(record, stages))]
     for record in spread(whole, object_pages):
         if not _is_current(page := pages / f"{record.name}.html", record):
-            read(None, _write_object_page, page, record)
+            read(
+                None, lambda page, record: viewer.object_page(page, record), page, record
+            )  # trimesh, when it is needed
     tables = [read(None, _result, file, name, link) for name, file in _files(run.folder, "tables", "md")]
     render(
         path,
@@ -129,14 +131,13 @@ def spread(records: Iterable[ObjectRecord], most: int) -> list[ObjectRecord]:
 
 
 def _table(heads: Sequence[str], rows: Iterable[Iterable[Any]], **other: Any) -> Table:
+    def cell(value: Any) -> Cell:
+        if isinstance(value, int | float):
+            return Cell(f"{value:,}", float(value))
+        return value if isinstance(value, Cell) else Cell(str(value))
+
     rows = list(rows)
-    return Table(heads, [[_cell(value) for value in row] for row in rows[:MOST_ROWS]], len(rows), **other)
-
-
-def _cell(value: Any) -> Cell:
-    if isinstance(value, int | float):
-        return Cell(f"{value:,}", float(value))
-    return value if isinstance(value, Cell) else Cell(str(value))
+    return Table(heads, [[*map(cell, row)] for row in rows[:MOST_ROWS]], len(rows), **other)
 
 
 def _link(folder: Path, place: Path, *parts: str) -> str:
@@ -177,10 +178,8 @@ def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
 
 def _shown(head: str, text: str) -> Cell:
     """A cell of a table; a number, alone or before its interval, is sorted by."""
-    number = re.match(r"-?\d+(\.\d+)?(e[-+]\d+)?(?=$| [\[(])", text)
-    if number and head not in ("class", "section"):
-        return Cell(text, float(number[0]))
-    return Cell(text, kind=VERDICTS.get(text.partition(" (")[0], ""))
+    number = re.match(r"-?\d+(\.\d+)?(e[-+]\d+)?(?=$| [\[(])", text) if head not in ("class", "section") else None
+    return Cell(text, float(number[0]) if number else None, VERDICTS.get(text.partition(" (")[0], ""))
 
 
 def _counts(entries: Mapping[str, CatalogueEntry], rejected: set[str]) -> Table:
@@ -221,12 +220,6 @@ def _stores(record: ObjectRecord, stages: Iterable[str]) -> list[Path]:
     return [record.mesh.parents[2] / STAGES[stage].path(record.batch) for stage in stages]
 
 
-def _write_object_page(page: Path, record: ObjectRecord) -> None:
-    from palpate.viewer.page import object_page  # loads trimesh
-
-    object_page(page, record)
-
-
 def _warnings(folder: Path) -> list[str]:
     """The warnings of the jobs' logs, but for those of rejections; each once."""
     logs = "\n".join(_text(path) for path in sorted(folder.glob("logs/**/*.log")))
@@ -244,9 +237,8 @@ def _figures(folder: Path, link: Callable[..., str]) -> list[dict[str, Any]]:
             size = dict(zip(("width", "height"), picture.size, strict=True))
             still = path.suffix == ".png"  # the others move
             source = data_uri(picture.convert("RGB"), FIGURE) if still and used < EMBEDDED else ""
-        used += len(source)
-        about = {"name": name, "file": file, "caption": _marked(caption(kind, name))}
-        figures.append({**about, "source": source or file, **size})
+        used, about = used + len(source), {"caption": _marked(caption(kind, name)), "source": source or file}
+        figures.append({"name": name, "file": file, **about, **size})
     return figures
 
 

@@ -31,7 +31,7 @@ from palpate.vision.image import linear
 
 # glTF has y up, the dataset's world z: the scene's root turns one into the other.
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-ROOT = "world"
+ROOT, IDENTITY = "world", np.eye(4)
 # sRGB of the sensors, in their order: Okabe and Ito's colours (2008, Color Universal Design).
 SENSOR_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 POINT_COLOUR = "#9a9a9a"  # of a surface without a mesh
@@ -51,12 +51,18 @@ def record_scene(
     presses: Sequence[PressRecord] = (),
 ) -> trimesh.Scene:
     """The scene of an object and some of its grasps and presses; `.export(file_type="glb")` gives the bytes of a file.
-    Nodes are in the world frame, metres, below a root that turns z up into glTF's y up. What the run does not have
-    (meshes, hand, touches) is left out; without meshes the object is its surface points. predictions: meshes in the
-    world frame by the number of the grasp."""
+    Nodes are in the world frame, metres, below a root that turns z up into glTF's y up. What the run does not have is
+    left out; without meshes the object is its surface points. predictions: world frame, by the grasp's number."""
     scene = trimesh.Scene(base_frame="root")
     scene.graph.update(frame_to=ROOT, frame_from="root", matrix=Y_UP)
-    _add_object(scene, record)
+    if not (record.mesh / "visual.glb").exists():
+        _add(scene, "object object points", _cloud(record.points, POINT_COLOUR))
+    else:
+        loaded = trimesh.load_scene(mesh_file(record.mesh, "visual.glb"), process=False)
+        for number, node in enumerate(loaded.graph.nodes_geometry):
+            pose, geometry = loaded.graph[node]
+            pose = _pose(np.eye(3), np.array(OBJECT_POSITION)) @ pose
+            _add(scene, f"object object {number}", loaded.geometry[geometry], pose, f"object {geometry}")
     for camera in cameras(record):
         _add(scene, "object camera", _frustum(camera))
     for press in presses:  # with its last force
@@ -92,9 +98,8 @@ def _pose(rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def force_arrows(frames: FramesRecord) -> np.ndarray:
-    """Poses (f, n, 4, 4), scaled to size, of arrows along +z from 0 to 1: the forces of the hand on the object. An
-    arrow ends at its contact. n: the most contacts of a frame. Where there is none, or one of the hand with itself, the
-    arrow is too small to be seen."""
+    """Poses (f, n, 4, 4), scaled to size, of arrows along +z from 0 to 1, which end at the contacts: the forces of the
+    hand on the object. n: the most contacts of a frame. Others (none, hand with itself) are too small to be seen."""
     count = frames.contact_count
     slots = np.s_[:, : count.max()]
     shown = (np.arange(count.max()) < count[:, None]) & (frames.contact_other[slots] < 0)
@@ -116,25 +121,10 @@ def cameras(record: ObjectRecord) -> list[Camera]:
     return [record.seen_by(number).vision_camera for number in numbers]
 
 
-def _add(
-    scene: trimesh.Scene, name: str, shape: trimesh.parent.Geometry, pose: np.ndarray | None = None, geometry: str = ""
-) -> None:
+def _add(scene: trimesh.Scene, name: str, shape: Any, pose: np.ndarray = IDENTITY, geometry: str = "") -> None:
     """Add a node with a shape; one geometry may have several nodes."""
     scene.geometry.setdefault(geometry or name, shape)
-    matrix = np.eye(4) if pose is None else pose
-    scene.graph.update(frame_to=name, frame_from=ROOT, matrix=matrix, geometry=geometry or name)
-
-
-def _add_object(scene: trimesh.Scene, record: ObjectRecord) -> None:
-    """Add the object's mesh with its materials, or its surface points if the run has no meshes."""
-    if not (record.mesh / "visual.glb").exists():
-        _add(scene, "object object points", _cloud(record.points, POINT_COLOUR))
-        return
-    loaded = trimesh.load_scene(mesh_file(record.mesh, "visual.glb"), process=False)
-    place = trimesh.transformations.translation_matrix(OBJECT_POSITION)
-    for number, node in enumerate(loaded.graph.nodes_geometry):
-        pose, geometry = loaded.graph[node]
-        _add(scene, f"object object {number}", loaded.geometry[geometry], place @ pose, f"object {geometry}")
+    scene.graph.update(frame_to=name, frame_from=ROOT, matrix=pose, geometry=geometry or name)
 
 
 def _with_colours(mesh: trimesh.Trimesh, colours: ArrayLike) -> trimesh.Trimesh:
@@ -151,9 +141,8 @@ def _gel(reading: np.ndarray, size: Size) -> trimesh.Trimesh:
     y, z = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1]]) * np.array(size)[::-1, None] / 2
     # trimesh has (0, 0) at the picture's lower left corner.
     uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype=float)
-    material = PBRMaterial(
-        baseColorTexture=Image.fromarray(reading), doubleSided=True, metallicFactor=0.0, roughnessFactor=1.0
-    )
+    look = {"doubleSided": True, "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    material = PBRMaterial(baseColorTexture=Image.fromarray(reading), **look)
     vertices, visual = np.column_stack([np.zeros(4), y, z]), TextureVisuals(uv, material=material)
     # From outside, along -x, its front is seen.
     return trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
@@ -213,8 +202,8 @@ def object_page(
     data = {"glb": base64.b64encode(glb).decode(), "cameras": viewpoints, "frames": frames}
     data["presses"] = {press.number: _press(press) for press in pressed}
     with_forces = any(name.startswith("force ") for closing in frames.values() for name in closing["poses"])
-    missing = {"prediction": not predictions, "force": not with_forces}
-    labels = {kind: label for kind, label in LABELS.items() if not missing.get(kind)}
+    there = {"prediction": predictions, "force": with_forces}
+    labels = {kind: label for kind, label in LABELS.items() if there.get(kind, True)}
     if predictions and model:
         labels["prediction"] += f" of {model}"
     with atomic_write(scene_file) as partial:
@@ -244,9 +233,8 @@ def _grasp(grasp: GraspRecord) -> dict[str, object]:
     sensors = []
     for number, name in enumerate(grasp.sensors if "touch" in grasp.stages else ()):
         touch = {"touches": grasp.success[number], "points": grasp.point_count[number]}
-        colour = SENSOR_COLOURS[number % len(SENSOR_COLOURS)]
-        picture = {"reading": data_uri(grasp.reading[number]), "colour": colour}
-        sensors.append({"name": name, **picture, **touch})
+        touch |= {"reading": data_uri(grasp.reading[number]), "colour": SENSOR_COLOURS[number % len(SENSOR_COLOURS)]}
+        sensors.append({"name": name, **touch})
     shown = {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
     pressed = zip(grasp.sensors, grasp.sensor_force, strict=True) if grasp.has_forces else ()
     return shown | {"forces": ", ".join(f"{name} {force:.1f} N" for name, force in pressed), "label": _label(grasp)}
@@ -282,8 +270,7 @@ def _frames(grasp: GraspRecord) -> dict[str, Any]:
 
 
 def _press(press: PressRecord) -> dict[str, Any]:
-    """A press as the page takes it: at each force the sensor's pose, as a row of a 3 x 4 matrix, its reading, and a
-    line about it."""
+    """A press as the page takes it: at each force the sensor's pose, as rows of 3 x 4, its reading, and a line."""
     position = press.position + press.approach[:, None] * press.rotation[:, 0]
     poses = [np.column_stack([press.rotation, place]).ravel().round(6).tolist() for place in position]
     lines = [

@@ -4,7 +4,7 @@ import pytest
 from scipy import stats
 
 from palpate.learning.rows import COLUMNS
-from palpate.results.effects import touch_effect, touch_effect_by_class
+from palpate.results.claims import touch_effect, touch_effect_by_class
 from palpate.results.published import effects, paper_values
 from tests.learning import synthetic
 

@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from palpate.hand import allegro, from_mjcf
-from palpate.results.hand_sheet import GEL, LENGTH, check_sheet
+from palpate.results.dataset_figures import GEL, LENGTH, check_sheet
 from palpate.sensor import DIGIT, load
 
 HANDS = Path(__file__).parents[2] / "config/hands"

@@ -4,13 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from palpate.results import claims, dataset_tables, effects, model_tables
+from palpate.results import claims, dataset_tables, model_tables
 from palpate.results.tables import write_table
 from tests.learning import synthetic
 
 OWN = {"bottle": "lamp", "knife": "mug", "cellphone": "sock", "rifle": "total"}  # sorted as theirs are
 MIXED = OWN | {"rifle": "rifle"}
-EFFECTS = {"effects": effects.touch_effect, "by_class": effects.touch_effect_by_class}
+EFFECTS = {"effects": claims.touch_effect, "by_class": claims.touch_effect_by_class}
 
 
 def frames(names: dict[str, str]) -> dataset_tables.Frames:

@@ -4,8 +4,7 @@ import pandas as pd
 import pytest
 
 from palpate.experiments import METHODS, SPLITS, Comparison, Experiment
-from palpate.results.claims import decide
-from palpate.results.effects import touch_effect
+from palpate.results.claims import decide, touch_effect
 from palpate.results.products import needed_splits
 from palpate.results.published import exchanged, paper_values, published_experiments, terms
 from tests.learning import synthetic
