@@ -40,7 +40,7 @@ def load_plain(path: Path | str) -> Any:
             else:
                 start = file.tell()
                 for opcode, number, _ in pickletools.genops(file):  # the machine makes a table as long as the number
-                    if opcode.name in ("BINPUT", "LONG_BINPUT", "PUT") and number > MOST_KEPT:
+                    if opcode.name in ("BINPUT", "LONG_BINPUT", "PUT") and (number or 0) > MOST_KEPT:
                         raise ValueError(f"it keeps an object as number {number}")
                 file.seek(start)
                 # The encoding is of Python 2's strings, which held arrays' bytes.
