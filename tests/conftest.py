@@ -1,4 +1,6 @@
 import gc
+import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -46,3 +48,15 @@ def pytest_collection_finish():
 def pytest_unconfigure():
     """Blender ends itself when its module is freed: else the process waits for a thread of it at its end, forever."""
     gc.unfreeze()
+
+
+@pytest.fixture
+def small_disk(request, tmp_path):
+    """A folder that is a file system of its own, with the options of tmpfs that the test is given indirectly."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", request.param, "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("only root may mount a file system")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
