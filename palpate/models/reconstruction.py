@@ -113,7 +113,10 @@ class Reconstruction(nn.Module):
             self.reading_encoder = ReadingEncoder()
             reading_features = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
         init, inputs = architecture.init, image_features + vertex_features + reading_features
-        self.gcn = GraphNetwork(vertex_features, gcn, init, architecture.last_layer_scale, inputs)
+        own = vertex_features, gcn, init, architecture.last_layer_scale, inputs
+        self.gcn = GraphNetwork(*own)
+        # Where no template is like what is seen, charts begin as a sphere, with a network of their own.
+        self.sphere_gcn = GraphNetwork(*own) if templates is not None and experiment.has_vision else None
         # The first layer's weights, by what they are applied to; those of a vertex's own inputs are in `gcn`.
         width = self.gcn.outputs
         for name, rows in (("image_weight", image_features), ("reading_weight", reading_features)):
@@ -135,9 +138,8 @@ class Reconstruction(nn.Module):
     def shows_touch(self) -> bool:  # whether the mesh has touch charts, copied or deformed
         return self.copies_touch or self.graph.touch_charts > 0
 
-    def forward(self, batch: Batch, finished: bool = True) -> Tensor:
-        """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`. finished: also
-        smoothed and corrected, the steps after the network.
+    def forward(self, batch: Batch) -> Tensor:
+        """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
 
         batch, of what the experiment uses (all but the image in the world frame, metres). T is s x grasps; touches
         that are pooled, or with `fewer_grasps`, may be of fewer grasps, whose mesh then has no charts of the others:
@@ -156,11 +158,12 @@ class Reconstruction(nn.Module):
         | `start` | (1824, B, 3), what `templates` gives, if it is known | `template` |
 
         Raises ValueError if a key is missing, of another shape or type."""
-        positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
-        positions = self.deform(batch, positions, mask, fixed)
-        if finished and self.templates is not None:
+        positions, *from_sphere = self._predictions(batch)
+        if self.templates is not None:
+            if from_sphere:
+                positions = torch.where(self.templates.known(batch)[:, None], positions, *from_sphere)
             positions = smoothed(positions)
-        if finished and self.experiment.correction and self.experiment.touch:
+        if self.experiment.correction and self.experiment.touch:
             count, correction = len(self.start), self.experiment.correction
             faces = _below(self.moving_faces, count)
             samples = zip(positions[:count].unbind(1), touched_points(batch), strict=True)
@@ -169,6 +172,15 @@ class Reconstruction(nn.Module):
         if self.copies_touch:
             positions = torch.cat([positions, self._touch_charts(batch)[0]])
         return positions.transpose(0, 1).contiguous()
+
+    def _predictions(self, batch: Batch) -> list[Tensor]:
+        """Vertices (V, B, 3) as each graph network deforms them: those that begin as a sphere are the second."""
+        positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
+        inputs = self.input_products(batch)
+        starts = [(self.gcn, positions)]
+        if self.sphere_gcn is not None:
+            starts.append((self.sphere_gcn, self.start[:, None].expand_as(positions)))
+        return [self.deform(inputs, start, mask, fixed, gcn) for gcn, start in starts]
 
     def _initial(self, batch: Batch, samples: int) -> tuple[Tensor, Tensor | None, Tensor | None]:
         """Initial vertices (V, B, 3); with touch charts in the graph their mask (V, B, 1), and which vertices are
@@ -187,29 +199,35 @@ class Reconstruction(nn.Module):
             fixed = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
         return torch.cat([positions, charts]), mask, fixed
 
-    def deform(self, batch: Batch, positions: Tensor, mask: Tensor | None, fixed: Tensor | None) -> Tensor:
-        """Vertices (V, B, 3) after all deformations, from what `_initial` gives."""
-        inputs = self.input_products(batch, len(positions))
+    def deform(
+        self,
+        inputs: Sequence[Products],
+        positions: Tensor,
+        mask: Tensor | None,
+        fixed: Tensor | None,
+        gcn: GraphNetwork,
+    ) -> Tensor:
+        """Vertices (V, B, 3) after all deformations by a network, from what `input_products` and `_initial` give."""
         graph = next(graph for graph in cast(list[Graph], self.graphs) if graph.vertices == len(positions))
         for _ in range(self.architecture.deformations):
             relative = self._relative(positions)
             summands = [products(positions, relative) for products in inputs]
             products = sum(summands[1:], summands[0]) if summands else None
             own = relative if mask is None else torch.cat([relative, mask], dim=-1)
-            moved = positions + self.scale * self.gcn(own, graph, products)
+            moved = positions + self.scale * gcn(own, graph, products)
             positions = moved if fixed is None else torch.where(fixed, positions, moved)
         return positions
 
     def stages(self, batch: Batch) -> list[Tensor]:
-        """What the loss of a training step looks at: what the network predicts, neither smoothed nor corrected."""
-        return [self(batch, finished=False)]
+        """What the loss of a training step looks at, (B, V, 3): what each graph network predicts of charts, neither
+        smoothed nor corrected."""
+        return [positions.transpose(0, 1) for positions in self._predictions(batch)]
 
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
-        """`reconstruction_loss` (B,) of the charts that move. The others give no gradient, and would at the start be
-        the nearest to up to half of the true points."""
-        vertices = stages[-1]
-        faces = _below(self.moving_faces, vertices.shape[1])
-        return reconstruction_loss(vertices, faces, target)
+        """`reconstruction_loss` (B,) of the charts that move, the mean of all networks. Others give no gradient, and
+        would at the start be the nearest to up to half of the true points."""
+        faces = _below(self.moving_faces, stages[0].shape[1])
+        return torch.stack([reconstruction_loss(vertices, faces, target) for vertices in stages]).mean(dim=0)
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and their faces."""
@@ -223,8 +241,8 @@ class Reconstruction(nn.Module):
         """Positions (..., 3) as the network takes them: around the object's centre, in radii of the atlas."""
         return (positions - self.centre.to(positions.dtype)) / self.scale
 
-    def input_products(self, batch: Batch, vertices: int) -> list[Products]:
-        """What so many vertices get besides their own positions: of the image, and of the readings or the touches."""
+    def input_products(self, batch: Batch) -> list[Products]:
+        """What vertices get besides their own positions: of the image, and of the readings or the touches."""
         inputs: list[Products] = []
         if self.experiment.has_vision:
             camera = relative_camera(batch["camera"].to(batch["image"].dtype), batch["image"].shape[-1])
@@ -235,7 +253,7 @@ class Reconstruction(nn.Module):
                 products = map_products(maps, self.image_weight)
                 inputs.append(lambda positions, _: pool_products(*products, positions, camera))
         if self.touch_input == "readings":
-            inputs.append(self.reading_products(batch, vertices))
+            inputs.append(self.reading_products(batch))
         elif self.touch_input == "pooled":
             touches = touches_of(batch)
             inputs.append(lambda positions, _: self.touch_pooling(touches, positions))
@@ -244,14 +262,14 @@ class Reconstruction(nn.Module):
                 inputs.append(lambda _, relative: attention(*attended, relative))
         return inputs
 
-    def reading_products(self, batch: Batch, vertices: int) -> Products:
+    def reading_products(self, batch: Batch) -> Products:
         """The features of all touches at every vertex: of the reading, the sensor's position, rotation, and success."""
         success = batch["success"][..., None].to(batch["reading"].dtype)
         shown = self.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, success.shape[:2]) * success
         position = self._relative(batch["position"])
         features = torch.cat([shown, position, batch["rotation"].flatten(2), success], dim=2)
-        products = (features.flatten(1) @ self.reading_weight).expand(vertices, -1, -1)
-        return lambda positions, relative: products
+        products = features.flatten(1) @ self.reading_weight
+        return lambda positions, _: products.expand(len(positions), -1, -1)
 
     def _touch_charts(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Touch charts (81 T, B, 3), those without success all at the sensor; success (81 T, B, 1)."""

@@ -2,7 +2,7 @@
 See Uy et al. 2021, "Joint learning of 3D shape retrieval and deformation", of CAD models."""
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,7 @@ TOUCH_SCALE = 100.0  # m^-2, in the covariance's exponent, of the mean squared d
 NUGGET = 0.02  # of the covariance: what differs between objects that feel alike
 # Of silhouettes: scales of their intersection over union in the exponent, and nuggets, to choose among
 SCALES, NUGGETS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0), (0.003, 0.01, 0.02, 0.05, 0.1)
+KNOWN = 0.6  # of an intersection over union: a template as like a sample as this makes it one to begin with
 NOISE = 0.01  # m, of a touched point's distance to the surface
 ROUNDS = 3  # of looking for the face that is nearest to a touched point, and of conditioning
 BENT = Correction(0.08, 0.03)  # of a start to the touched points
@@ -62,10 +63,13 @@ class Templates(nn.Module):
         with torch.autocast(self.shapes.device.type, enabled=False):
             return self._start(batch).transpose(0, 1)
 
+    def known(self, batch: Mapping[str, Tensor]) -> Tensor:
+        """Whether (B,) the silhouette of some template is like each sample's: an intersection over union of `KNOWN`."""
+        return (self.objects.overlap(_searched(batch, SILHOUETTE)).amax(dim=1) >= KNOWN).to(self.shapes.device)
+
     def _start(self, batch: Mapping[str, Tensor]) -> Tensor:
         keys, count = (SILHOUETTE, NEIGHBOURS) if "mask" in batch else (TOUCH, TOUCH_NEIGHBOURS)
-        searched = {key: batch[key].cpu() for key in (*keys, "excluded") if key in batch}
-        searched |= {key: shrunk(searched[key]) / 255 for key in ("mask", "hand") if key in searched}
+        searched = _searched(batch, (*keys, "excluded"))
         best, fits = self.objects.best(searched, min(count, len(self.shapes)))
         touched = touched_points(batch) if "charts" in batch else [self.shapes[0, :0]] * len(best)
         starts = []
@@ -96,6 +100,12 @@ class Templates(nn.Module):
         squares = np.array([np.zeros(len(places)), *(self.objects.squares(int(number), places) for number in numbers)])
         distances = torch.from_numpy(np.sqrt(squares))
         return -TOUCH_SCALE * torch.cdist(distances, distances).square() / max(len(places), 1)
+
+
+def _searched(batch: Mapping[str, Tensor], keys: Sequence[str]) -> dict[str, Tensor]:
+    """What `Objects` take of a batch, silhouettes as those of templates are."""
+    searched = {key: batch[key].cpu() for key in keys if key in batch}
+    return searched | {key: shrunk(searched[key]) / 255 for key in ("mask", "hand") if key in searched}
 
 
 def alike(masks: Tensor) -> Tensor:

@@ -25,6 +25,7 @@ from palpate.learning.recipes import Recipe
 from palpate.learning.samples import Assembler, windows
 from palpate.models import Reconstruction
 from palpate.models.encoder import ReadingEncoder
+from palpate.models.gcn import GraphNetwork
 from palpate.models.reconstruction import POSE_FEATURES
 from palpate.models.touch import TouchAttention
 from studies.omitted.omission import Omission
@@ -88,13 +89,13 @@ class NaiveReconstruction(Reconstruction):
             charts, graph = self.graph.touch_charts, self.graph
             self.graphs[-1] = SpareGraph(charts, graph.kind, graph.normalisation, self.hand_sensors * GRASPS - charts)
 
-    def input_products(self, batch: Mapping[str, Tensor], vertices: int) -> list:
+    def input_products(self, batch: Mapping[str, Tensor]) -> list:
         """As `Reconstruction.input_products`, and those of readings."""
-        needless = [self.reading_products(batch, vertices)] if self.needless_readings else []
-        return super().input_products(batch, vertices) + needless
+        needless = [self.reading_products(batch)] if self.needless_readings else []
+        return super().input_products(batch) + needless
 
     def deform(
-        self, batch: Mapping[str, Tensor], positions: Tensor, mask: Tensor | None, fixed: Tensor | None
+        self, inputs: list, positions: Tensor, mask: Tensor | None, fixed: Tensor | None, gcn: GraphNetwork
     ) -> Tensor:
         """As `Reconstruction.deform`, with rows for spare touch charts: in the centre, with mask 0."""
         moving = len(positions)
@@ -104,7 +105,7 @@ class NaiveReconstruction(Reconstruction):
             None if values is None else torch.cat([values, values.new_zeros(spare, *values.shape[1:])])
             for values in (mask, fixed)
         )
-        return super().deform(batch, torch.cat([positions, resting]), mask, fixed)[:moving]
+        return super().deform(inputs, torch.cat([positions, resting]), mask, fixed, gcn)[:moving]
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:

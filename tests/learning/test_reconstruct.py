@@ -86,7 +86,8 @@ def run(tmp_path_factory):
     torch.manual_seed(0)
     unet = TouchDepth(width=4).eval()
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
-    for name, experiment in EXPERIMENTS.items():
+    for seed, (name, experiment) in enumerate(EXPERIMENTS.items()):
+        torch.manual_seed(seed)
         known = random_templates() if experiment.strategy == "template" else None
         model = checkpoints.build(experiment, Architecture.from_row(ARCHITECTURE), templates=known)
         if experiment.strategy.startswith(("pooled", "template")):  # weights that start at zero

@@ -16,6 +16,7 @@ from palpate.models import templates as templates_module
 from palpate.models.kriging import displaced, nearest_on_faces, touched_points
 from palpate.models.templates import (
     BENT,
+    KNOWN,
     MASK,
     NOISE,
     NUGGET,
@@ -286,19 +287,28 @@ def model_of(touch=True, vision="occluded", grasps=2, **more):
 
 
 @pytest.mark.parametrize("vision", ["occluded", "none"])
-def test_what_the_network_moves_is_the_start(vision):
+def test_what_the_networks_move_is_the_start_or_a_sphere_where_no_template_is_like_the_silhouette(vision):
     model, given = model_of(vision=vision), batch(grasps=2)
+    samples, known = len(given["success"]), torch.tensor(True)
     if vision == "none":
         given = {key: given[key] for key in ("success", "position", "rotation", "charts")}
-    for parameter in model.gcn.layers[-1].parameters():
-        torch.nn.init.zeros_(parameter)
+    else:
+        masks = templates()[1]
+        fits = [by_brute_force(model.templates, masks, given, sample)[0].max() for sample in range(samples)]
+        known = torch.tensor(fits) >= KNOWN
+        assert known.any() and not known.all() and min(abs(fit - KNOWN) for fit in fits) > 1e-4
+    networks = [model.gcn] if vision == "none" else [model.gcn, model.sphere_gcn]
+    for network in networks:
+        for parameter in network.layers[-1].parameters():
+            torch.nn.init.zeros_(parameter)
     with torch.no_grad():
         vertices = model(given)
         assert torch.equal(vertices, model(given))
-        moved, trained = model.templates(given), model.stages(given)[0]
-        start = smoothed(moved).transpose(0, 1)
+        starts = [model.templates(given), model.start[:, None].float().expand(-1, samples, -1)][: len(networks)]
+        for start, trained in zip(starts, model.stages(given), strict=True):
+            assert torch.equal(trained, start.transpose(0, 1))
+        start = smoothed(torch.where(known[..., None], starts[0], starts[-1])).transpose(0, 1)
     assert torch.equal(vertices[:, : start.shape[1]], start)
-    assert torch.equal(trained[:, : start.shape[1]], moved.transpose(0, 1))
     mesh = trimesh.Trimesh(vertices[0, : start.shape[1]], chart_faces(0), process=True)
     assert mesh.is_watertight and len(mesh.vertices) == len(sphere()[0])
     copied = vertices[:, start.shape[1] :].unflatten(1, given["charts"].shape[1:3])
