@@ -7,10 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache, reduce
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jsonschema
 import yaml
+
+if TYPE_CHECKING:
+    import jsonschema
 
 
 class ConfigError(ValueError):
@@ -116,7 +118,7 @@ def read_yaml(path: Path | str) -> Any:
         raise ConfigError(f"{path}: can't be read as YAML: {' '.join(str(error).split())}") from None
 
 
-def _say(error: jsonschema.ValidationError) -> Iterator[str]:
+def _say(error: "jsonschema.ValidationError") -> Iterator[str]:
     """Lines on a difference. Schemas have a keyword of ours, `errorMessage`, in place of the validator's."""
     where = ".".join(str(step) for step in error.absolute_path)
     if error.validator == "additionalProperties" and error.validator_value is False:
@@ -174,8 +176,10 @@ def in_order(values: Any, order: Any) -> Any:
 
 
 @cache
-def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
+def _validator(schema: Path | str) -> "jsonschema.Draft202012Validator":
     """The validator of a schema file."""
+    import jsonschema  # here: of jobs only those of the catalogue need it
+
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's, where it is there, is ten times as fast
     return jsonschema.Draft202012Validator(yaml.load(Path(schema).read_text(), loader))
 

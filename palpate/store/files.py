@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import zarr
 
 import palpate
 from palpate import seal
@@ -22,8 +21,8 @@ from palpate.rebuild_command import rebuild_advice, rebuild_command
 from palpate.seal import MadeFrom, Seal, with_output
 from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreError, StoreSpec, reading
-from palpate.store.hdf5_file import Hdf5File, write_hdf5
-from palpate.store.zarr_files import ZarrFiles, write_zarr
+from palpate.store.hdf5_file import Chunk, Hdf5File, write_hdf5
+from palpate.store.zarr_files import Records, ZarrFiles, write_zarr
 
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
@@ -87,7 +86,7 @@ def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], op
 
 
 def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict[str, tuple[str, int]]) -> None:
-    """Check one shape against the contract and against the arrays before it, whose symbols are in `sizes`."""
+    """Raise StoreError if a shape is not the contract's, or not that of the arrays before it, of symbols in `sizes`."""
     what = f"{path}: array {spec.name!r}"
     try:
         found = spec.sizes(shape)
@@ -170,8 +169,8 @@ class Store:
         numbers and slices only, only their records are read."""
         with reading(self.path):
             array = self._files.array(name)
-            whole: Any = array[...] if isinstance(array, zarr.Array) else array
-            values = np.asarray(whole[index])
+            # Of a `zarr.Array`, which takes fewer indices than numpy, all is read.
+            values = np.asarray((array if isinstance(array, Records | Chunk | np.ndarray) else array[...])[index])
             if values.dtype.kind == "S":
                 return np.char.decode(values, "utf-8")
             return values.astype(str) if values.dtype == object else values
