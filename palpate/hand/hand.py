@@ -122,7 +122,8 @@ class Hand:
         return np.array(distances)
 
     def forward(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> np.ndarray:
-        """World poses (..., L, 4, 4) of links for palm_pose (..., 4, 4) and joint_positions (..., J), broadcast."""
+        """World poses (..., L, 4, 4) of links for palm_pose (..., 4, 4) and joint_positions (..., J), broadcast. Raises
+        ValueError for another J."""
         palm_pose, joint_positions = np.asarray(palm_pose), np.asarray(joint_positions)
         if joint_positions.shape[-1:] != self.joint_link.shape:
             raise ValueError(f"expected {len(self.joint_link)} joint positions, got {joint_positions.shape}")
