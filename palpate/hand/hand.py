@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike
 
+from palpate.configuration import read_yaml
 from palpate.sensor import DIGIT
 
 GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
@@ -314,7 +314,7 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     """The Allegro hand with four DIGITs as fingertips: 16 joints, four each of index, middle, ring finger and thumb.
     Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. gel_face: m from
     the sensor frame to the gel's face, of another sensor in the DIGIT's place."""
-    given = yaml.safe_load(Path(__file__).with_name("allegro.yaml").read_text(encoding="utf-8"))
+    given = read_yaml(Path(__file__).with_name("allegro.yaml"))
     rows: dict[str, list[tuple]] = {"link": [("palm", -1, (0, 0, 0), np.eye(3))], "joint": [], "geom": [], "sensor": []}
     links, joints, geoms, sensors = rows.values()
 
