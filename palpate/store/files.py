@@ -21,8 +21,8 @@ from palpate.rebuild_command import rebuild_advice, rebuild_command
 from palpate.seal import MadeFrom, Seal, with_output
 from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreError, StoreSpec, reading
-from palpate.store.hdf5_file import Chunk, Hdf5File, write_hdf5
-from palpate.store.zarr_files import Records, ZarrFiles, write_zarr
+from palpate.store.hdf5_file import Hdf5File, write_hdf5
+from palpate.store.zarr_files import ZarrFiles, write_zarr
 
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
@@ -168,9 +168,7 @@ class Store:
         """What `index` picks of one array as numpy does, read now; strings come as a numpy array of str. If it has
         numbers and slices only, only their records are read."""
         with reading(self.path):
-            array = self._files.array(name)
-            # Of a `zarr.Array`, which takes fewer indices than numpy, all is read.
-            values = np.asarray((array if isinstance(array, Records | Chunk | np.ndarray) else array[...])[index])
+            values = np.asarray(self._files.array(name)[index])
             if values.dtype.kind == "S":
                 return np.char.decode(values, "utf-8")
             return values.astype(str) if values.dtype == object else values

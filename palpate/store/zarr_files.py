@@ -72,7 +72,7 @@ class ZarrFiles:
 
     def __init__(self, path: Path):
         self.path = path
-        self._arrays: dict[str, Any] = {}
+        self._arrays: dict[str, Records] = {}
         self.attributes = json.loads((path / ROOT).read_bytes())["attributes"]
 
     @cached_property
@@ -82,15 +82,17 @@ class ZarrFiles:
         sealed.require([ROOT])
         return sealed
 
-    def array(self, name: str) -> Any:
-        """One array, not read, if its files are as they were when the store was opened: `Records`, or of another
-        encoding than `write_zarr`'s a `zarr.Array`."""
-        array = self._arrays.get(name)
-        if array is None:
-            array = self._arrays[name] = self._open(name)
-        # At every read, because Zarr takes a missing file for one of fill values.
-        self._require(shard_file(name, array.shape), contents=False)
-        return array
+    def array(self, name: str) -> "Records":
+        """One array, not read, if its files are as they were when the store was opened."""
+        if name not in self._arrays:
+            if not self._require(f"{name}/{ROOT}", contents=True):
+                raise StoreError(f"{self.path} has no array {name!r}")
+            header = json.loads((self.path / name / ROOT).read_bytes())
+            shard = shard_file(name, header["shape"])
+            self._arrays[name] = Records(self.path / shard if shard in self.seal.files else None, header)
+        # At every read, because a missing file is one of fill values.
+        self._require(shard_file(name, self._arrays[name].shape), contents=False)
+        return self._arrays[name]
 
     def _require(self, name: str, contents: bool) -> bool:
         """Whether a file is of the store. Raises DamagedFile if it is not as it was written, or was not written."""
@@ -99,16 +101,6 @@ class ZarrFiles:
         elif os.path.exists(self.path / name):
             raise seal.damaged(self.path, f"{name} was not written with it")
         return name in self.seal.files
-
-    def _open(self, name: str) -> Any:
-        """An array whose header is the one that was written."""
-        if not self._require(f"{name}/{ROOT}", contents=True):
-            raise StoreError(f"{self.path} has no array {name!r}")
-        header = json.loads((self.path / name / ROOT).read_bytes())
-        if not is_readable(header):
-            return load_zarr().open_array(self.path / name, mode="r")
-        shard = shard_file(name, header["shape"])
-        return Records(self.path / shard if shard in self.seal.files else None, header)
 
     def names(self) -> list[str]:
         return [metadata.parent.name for metadata in self.path.glob(f"*/{ROOT}")]
@@ -120,8 +112,8 @@ def shard_file(name: str, shape: Sequence[int]) -> str:
 
 
 class Records:
-    """A Zarr array, `array[index]` as numpy indexes: numbers and slices of leading axes read only their records.
-    file: of its values; None if all are the fill value, and it was not written. header: as `is_readable` takes it."""
+    """A Zarr array of `write_zarr`, `array[index]` as numpy indexes: numbers and slices of leading axes read only their
+    records. file: of its values; None if all are the fill value, and it was not written. header: what zarr.json has."""
 
     def __init__(self, file: Path | None, header: Mapping[str, Any]):
         self._file, self._text = file, header["data_type"] == "string"
@@ -137,6 +129,8 @@ class Records:
     def __getitem__(self, index: Any) -> np.ndarray:
         """What `index` picks. Raises IndexError as numpy does, ValueError for a wrong checksum or chunk."""
         index = index if isinstance(index, tuple) else (index,)
+        if 0 in self.shape:
+            return np.empty(self.shape, self.dtype)[index]
         numbers = np.arange(self._chunks).reshape(self._grid[: self._leading])
         if not all(isinstance(each, int | np.integer | slice) for each in index):
             return self._read(numbers)[index]
@@ -171,19 +165,3 @@ class Records:
         if google_crc32c.value(content) != int.from_bytes(checksum, "little"):
             raise ValueError(f"{self._file}: {name} has a wrong checksum")
         return content
-
-
-def is_readable(header: Mapping[str, Any]) -> bool:
-    """Whether `Records` reads an array with this header: one shard or chunk, encoded as `write_zarr` does."""
-
-    def names(codecs: Sequence[Mapping[str, Any]]) -> list[str]:
-        return [codec["name"] for codec in codecs]
-
-    codecs = header["codecs"]
-    if names(codecs) == [SHARDING]:
-        configuration = codecs[0]["configuration"]
-        if names(configuration["index_codecs"]) != ["bytes", "crc32c"]:
-            return False
-        codecs = configuration["codecs"]
-    expected = ["vlen-utf8", "crc32c"] if header["data_type"] == "string" else ["bytes", "blosc", "crc32c"]
-    return header["chunk_grid"]["configuration"]["chunk_shape"] == header["shape"] and names(codecs) == expected
