@@ -93,7 +93,7 @@ def parse_texts(config: dict[str, Any], schema: Path | str) -> None:
 _BASES: Any = (yaml.composer.Composer, yaml.CSafeLoader) if yaml.__with_libyaml__ else (yaml.SafeLoader,)
 
 
-class _Loader(*_BASES):
+class _Loader(*_BASES):  # type: ignore[misc]
     """YAML, but a key that stands twice in a mapping is an error, and so is a value that contains itself."""
 
     def __init__(self, text: str):

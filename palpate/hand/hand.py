@@ -200,7 +200,7 @@ class Hand:
     def signed_distance(
         self, points: np.ndarray, link_pose: np.ndarray, links: Collection[int] | None = None
     ) -> np.ndarray:
-        """Signed distance (N,) of points (N, 3) to the colliding geoms (of these links), negative inside."""
+        """Signed distance (N,) of points (N, 3) to colliding geoms (of these links), links at (L, 4, 4); < 0 inside."""
         poses = self.geom_poses(link_pose)
         nearest = np.full(len(points), np.inf)
         for geom in np.flatnonzero(self.geom_collides):
