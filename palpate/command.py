@@ -15,9 +15,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 import palpate
+from palpate.configuration import read_yaml
 
 # Extras of the package that bring what a command may lack, by the first module that is missed.
 EXTRAS = dict.fromkeys(("bpy", "embreex", "igl", "mujoco", "OpenEXR", "pymeshlab"), "factory")
@@ -32,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--version", action="version", version=f"palpate {palpate.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
-    for name, command in yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")).items():
+    for name, command in read_yaml(Path(__file__).with_suffix(".yaml")).items():
         own = commands.add_parser(name, help=command["does"], description=f"{command['does'].capitalize()}.")
         for argument, options in command["arguments"].items():
             own.add_argument(argument, **options | ({"type": TYPES[options["type"]]} if "type" in options else {}))

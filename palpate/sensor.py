@@ -155,12 +155,17 @@ class Sensor:
 
     @classmethod
     def from_description(
-        cls, description: Mapping[str, Any], background: np.ndarray | None = None, what: str = "a sensor"
+        cls,
+        description: Mapping[str, Any],
+        background: np.ndarray | None = None,
+        what: str = "a sensor",
+        schema: Path | None = SCHEMA,
     ) -> "Sensor":
         """The sensor of a description, as a file or a store has it; background: the untouched gel's image, used if it
-        has one; what: name for messages. Raises `ConfigError` for what does not fit `SCHEMA`, an impossible gel or
-        light."""
-        check(dict(description), SCHEMA, what)
+        has one; what: name for messages. Raises `ConfigError` for what does not fit the schema, if there is one, an
+        impossible gel or light."""
+        if schema:
+            check(dict(description), schema, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
         resolution, gel = description["resolution"], description["gel"]
         face = {} if gel["face"] == "flat" else gel["face"]
@@ -274,4 +279,5 @@ def load(sensor: str, folder: Path | str = ".") -> Sensor:
     return replace(kind, background=read_background(image, kind.resolution)) if image else kind
 
 
-DIGIT = load("digit")
+# Without its schema: of most processes nothing else needs the package that reads it, which takes 0.1 s to be imported.
+DIGIT = Sensor.from_description(read(SHIPPED / "digit.yaml"), schema=None)

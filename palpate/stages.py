@@ -48,7 +48,8 @@ class Stage:
         return tuple(dict.fromkeys([self.name] * self.rejects + before))
 
 
-_ROWS: dict[str, dict[str, Any]] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+_TEXT = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
+_ROWS: dict[str, dict[str, Any]] = yaml.load(_TEXT, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 STAGES: dict[str, Stage] = {}
 for _name, _row in _ROWS.items():
     _row |= {key: tuple(value) for key, value in _row.items() if isinstance(value, list)}

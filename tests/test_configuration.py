@@ -18,7 +18,7 @@ from palpate.configuration import ConfigError, check, in_order, read_yaml, typed
         ("seed: 0\ntuning: &a\n  grid: *a\n", "line 2: this value contains itself"),
         ("---\n&a\nrun: x\nsplit: [1, {b: *a}]\n", "line 2: this value contains itself"),
         ("split: &a\n  <<: *a\n  train: 3\n", "line 1: this value contains itself"),
-        ("run: a\0b\n", "special characters are not allowed"),
+        ("run: a\0b\n", "characters are not allowed"),
     ],
     ids=["twice", "twice below", "deep", "list", "mapping", "document", "merged", "NUL"],
 )

@@ -6,7 +6,7 @@ import yaml
 from PIL import Image
 
 from palpate import sensor
-from palpate.configuration import ConfigError
+from palpate.configuration import ConfigError, check
 from palpate.sensor import DIGIT, SHIPPED, Sensor, load
 
 # As published: the authors' sensor spans 0.00539 to 0.0218 m, with 100 x 100 rays up to w = 0.025 m (supplement).
@@ -24,6 +24,11 @@ def test_the_digit_is_the_papers_and_its_lights_as_documented():
     # At the centre of an untouched reading, on the gel, the directions to the lights are orthogonal.
     towards = expected / np.linalg.norm(expected, axis=1, keepdims=True)
     np.testing.assert_allclose(towards @ towards.T, np.eye(3), atol=1e-15)
+
+
+def test_the_digit_which_is_made_without_its_schema_fits_it():
+    check(sensor.read(SHIPPED / "digit.yaml"), sensor.SCHEMA, "the digit")
+    assert load("digit").description() == DIGIT.description()
 
 
 def test_the_shipped_sensors_have_their_published_sizes():

@@ -214,7 +214,8 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
 def checksum(path: Path, files: Path | str | None = None) -> str:
     """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others (`companions`), that of the lines
     `<sha256>` of them all, the mesh first, the others by name. No name counts, so that copies have one checksum. files:
-    the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh file."""
+    the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh
+    file. Raises CatalogueError for a missing one."""
     if named_files.unusable(path):
         return ""
     if not path.is_file():

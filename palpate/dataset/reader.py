@@ -147,13 +147,13 @@ class Dataset(Sequence):
         return self._run.rejections(stages=self._required)
 
     def split(self, name: str) -> "Dataset":
-        """The objects of one split: train, validation or test; it may have none."""
+        """The objects of one split: train, validation or test; it may have none. Raises KeyError for another name."""
         if name not in SPLITS:
             raise KeyError(not_among(name, SPLITS))
         return self._view(entry for entry in self._entries.values() if entry.split == name)
 
     def of_class(self, name: str) -> "Dataset":
-        """The objects of one class."""
+        """The objects of one class. Raises KeyError, with the nearest names, for an unknown one."""
         classes = sorted({entry.class_name for entry in self._run.catalogue.values()})
         if name not in classes:
             raise KeyError(not_among(name, classes))

@@ -43,7 +43,7 @@ class Run:
 
     @cached_property
     def config(self) -> dict[str, Any]:
-        """The config that the run was last started with; empty for a run without `config.yaml`."""
+        """The config that the run was last started with; empty without. Raises StoreError if it is lost or damaged."""
         path = self.folder / RECORD
         if not path.is_file():
             if (self.folder / BATCHES).exists():  # the workflow has written both

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike
 
+from palpate.configuration import read_yaml
 from palpate.sensor import DIGIT
 
 GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
@@ -122,7 +122,8 @@ class Hand:
         return np.array(distances)
 
     def forward(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> np.ndarray:
-        """World poses (..., L, 4, 4) of links for palm_pose (..., 4, 4) and joint_positions (..., J), broadcast."""
+        """World poses (..., L, 4, 4) of links for palm_pose (..., 4, 4) and joint_positions (..., J), broadcast. Raises
+        ValueError for another J."""
         palm_pose, joint_positions = np.asarray(palm_pose), np.asarray(joint_positions)
         if joint_positions.shape[-1:] != self.joint_link.shape:
             raise ValueError(f"expected {len(self.joint_link)} joint positions, got {joint_positions.shape}")
@@ -199,7 +200,7 @@ class Hand:
     def signed_distance(
         self, points: np.ndarray, link_pose: np.ndarray, links: Collection[int] | None = None
     ) -> np.ndarray:
-        """Signed distance (N,) of points (N, 3) to the colliding geoms (of these links), negative inside."""
+        """Signed distance (N,) of points (N, 3) to colliding geoms (of these links), links at (L, 4, 4); < 0 inside."""
         poses = self.geom_poses(link_pose)
         nearest = np.full(len(points), np.inf)
         for geom in np.flatnonzero(self.geom_collides):
@@ -313,7 +314,7 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     """The Allegro hand with four DIGITs as fingertips: 16 joints, four each of index, middle, ring finger and thumb.
     Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. gel_face: m from
     the sensor frame to the gel's face, of another sensor in the DIGIT's place."""
-    given = yaml.safe_load(Path(__file__).with_name("allegro.yaml").read_text(encoding="utf-8"))
+    given = read_yaml(Path(__file__).with_name("allegro.yaml"))
     rows: dict[str, list[tuple]] = {"link": [("palm", -1, (0, 0, 0), np.eye(3))], "joint": [], "geom": [], "sensor": []}
     links, joints, geoms, sensors = rows.values()
 

@@ -23,14 +23,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import zarr
 from PIL import Image
 from tqdm import tqdm
-from zarr.codecs import BloscCodec
 
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset, GraspDataset
-from palpate.store.zarr_files import COMPRESSION
+from palpate.store.zarr_files import COMPRESSION, load_zarr
 
 CARD = "README.md"
 # Keys of an item of `GraspDataset` that are text.
@@ -230,6 +228,7 @@ def _table(pyarrow: Any, rows: list[dict[str, Any]]) -> Any:
 
 def write_zarr_groups(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
     """Write the grasps of each split. Every chunk is written: Zarr takes a missing one for zeros."""
+    zarr = load_zarr()
     for split, grasps in splits.items():
         group, items = zarr.create_group(folder / f"{split}.zarr"), with_progress(grasps, split)
         arrays = {}
@@ -240,7 +239,7 @@ def write_zarr_groups(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                 shape=(len(grasps), *np.shape(value)),
                 dtype="string" if name in TEXT else np.asarray(value).dtype,
                 chunks=(CHUNK, *np.shape(value)),
-                compressors=BloscCodec(**COMPRESSION),
+                compressors=zarr.codecs.BloscCodec(**COMPRESSION),
                 attributes={"meaning": spec.meaning, "unit": spec.unit} if spec else {},
                 dimension_names=(grasps.unit, *(grasps.dimensions(name) if spec else ())),
                 config={"write_empty_chunks": True},

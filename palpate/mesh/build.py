@@ -30,7 +30,7 @@ COARSEST = 1e-4
 def build(
     source: Path, folder: Path, up: str, collision_faces: int, scale: str | float, root: Path | str | None, turn: float
 ) -> dict[str, Any]:
-    """Make the mesh files of an object as `palpate.mesh.prepare` does, in this process."""
+    """Make the mesh files of an object as `palpate.mesh.prepare` does, in this process, with its errors."""
     (parts, unit), problems = load(source, root)
     vertices, faces, part = joined(parts, source)
     rotation = rotation_about(2, np.radians(turn)) @ UP[up] if turn else UP[up]
@@ -102,7 +102,8 @@ def build(
 
 
 def measure(source: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str], list[float]]:
-    """Extent, faces, what is wrong with files that it names, and shape (`palpate.mesh.facts`) of a source file."""
+    """Extent, faces, problems of files that it names, and shape (`palpate.mesh.facts`) of a source file. Raises
+    UnusableObject, as `size` and `joined`."""
     (parts, unit), missing = load(source, root)
     vertices, faces, _ = joined(parts, source)
     sides = np.ptp(vertices[faces.ravel()], axis=0)
@@ -114,7 +115,8 @@ def measure(source: Path, scale: str | float, root: Path) -> tuple[float, int, d
 
 
 def size(source: Path, extent: float, scale: str | float, unit: float) -> tuple[float, float]:
-    """Diagonal (m) of an object's box of this extent in the file's unit, and the factor; scale: as for `prepare`."""
+    """Diagonal (m) of an object's box of this extent in the file's unit, and the factor; scale: as for `prepare`.
+    Raises UnusableObject for a diagonal that is not from `SMALLEST` to `LARGEST`."""
     if scale == "diagonal":
         return DIAGONAL, DIAGONAL / extent
     factor = unit if scale == "keep" else float(scale)
@@ -131,7 +133,7 @@ def size(source: Path, extent: float, scale: str | float, unit: float) -> tuple[
 
 
 def joined(parts: Sequence[trimesh.Trimesh], source: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices (n, 3), faces (f, 3) and the part's number (f,) of all parts together, all finite."""
+    """Vertices (n, 3), faces (f, 3), part's number (f,) of all parts; UnusableObject for NaN, or without an extent."""
     appended = trimesh.util.append_faces([mesh.vertices for mesh in parts], [mesh.faces for mesh in parts])
     vertices, faces = appended[0].astype(np.float64), appended[1].astype(np.int64)
     part = np.repeat(np.arange(len(parts)), [len(mesh.faces) for mesh in parts])

@@ -126,7 +126,7 @@ def _reading(path: Path, name: str, gel: Any) -> np.ndarray:
 
 
 def read_empty_reading(root: Path | str) -> np.ndarray:
-    """(100, 100, 3) uint8: what an untouched sensor reads; `empty_gel.npy`, in the repository's `data/`."""
+    """(100, 100, 3) uint8: what an untouched sensor reads; `empty_gel.npy`. Raises UnusableObject as `_reading`."""
     path = Path(root) / EMPTY_READING
     if not path.is_file():
         raise UnusableObject(f"{path}: no such file: copy it there from the `data` folder of the authors' repository")

@@ -45,7 +45,7 @@ def style(class_name: str, index: int, seed: int = 0) -> str:
 
 
 def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, Generator]:
-    """The style of an object, and what draws the rest of it."""
+    """The style of an object, and what draws the rest of it. Arguments and errors as `make`."""
     names = styles(class_name)
     if index < 0:
         raise ValueError(f"the index of a {class_name} must not be negative, got {index}")

@@ -57,7 +57,8 @@ def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
 
 
 def write(class_name: str, index: int, path: Path | str, seed: int = 0) -> Path:
-    """Write object `index` of a class and return its path: .glb or .obj, by default as `suffix` chooses."""
+    """Write object `index` of a class and return its path: .glb or .obj (else ValueError), by default as `suffix`
+    chooses. Errors as `make`."""
     path = Path(path)
     if not path.suffix:
         path = path.with_name(path.name + suffix(index))

@@ -88,7 +88,7 @@ def wall(count: int, around: int) -> np.ndarray:
 
 
 def closed(vertices: np.ndarray, faces: np.ndarray) -> Manifold:
-    """The solid within consistently wound faces, turned outward if they face inward."""
+    """The solid within consistently wound faces, turned outward if need be. Raises ValueError if there is none."""
     corners = vertices[faces]
     volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     solid = Manifold(Mesh64(vertices, (faces if volume > 0 else faces[:, ::-1]).astype(np.uint64)))

@@ -10,11 +10,9 @@ import csv
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
-import yaml
-
+from palpate.configuration import read_yaml
 from palpate.rebuild_command import rebuild_advice
 from palpate.seal import DamagedFile
 from palpate.stages import STAGES, Stage
@@ -23,8 +21,7 @@ SCHEMA_VERSION = 7
 # The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 
-_FOLDER = resources.files("palpate.store")
-_TERMS = yaml.safe_load(_FOLDER.joinpath("contract.yaml").read_text(encoding="utf-8"))
+_TERMS = read_yaml(Path(__file__).with_suffix(".yaml"))
 SYMBOLS, UNITS, FRAMES = _TERMS["symbols"], _TERMS["units"], _TERMS["frames"]
 DIMENSIONS = _TERMS["dimensions"]
 
@@ -124,7 +121,7 @@ class StoreSpec:
 
 
 def _arrays(stage: str) -> dict[str, ArraySpec]:
-    text = _FOLDER.joinpath("contract.csv").read_text(encoding="utf-8")
+    text = Path(__file__).with_suffix(".csv").read_text(encoding="utf-8")
     rows = [row for row in csv.DictReader(text.splitlines()) if row["store"] == stage]
     axes = {row["array"]: [axis.rpartition(":") for axis in row["shape"].split()] for row in rows}
     return {

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import zarr
 
 import palpate
 from palpate import seal
@@ -87,7 +86,7 @@ def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], op
 
 
 def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict[str, tuple[str, int]]) -> None:
-    """Check one shape against the contract and against the arrays before it, whose symbols are in `sizes`."""
+    """Raise StoreError if a shape is not the contract's, or not that of the arrays before it, of symbols in `sizes`."""
     what = f"{path}: array {spec.name!r}"
     try:
         found = spec.sizes(shape)
@@ -169,9 +168,7 @@ class Store:
         """What `index` picks of one array as numpy does, read now; strings come as a numpy array of str. If it has
         numbers and slices only, only their records are read."""
         with reading(self.path):
-            array = self._files.array(name)
-            whole: Any = array[...] if isinstance(array, zarr.Array) else array
-            values = np.asarray(whole[index])
+            values = np.asarray(self._files.array(name)[index])
             if values.dtype.kind == "S":
                 return np.char.decode(values, "utf-8")
             return values.astype(str) if values.dtype == object else values

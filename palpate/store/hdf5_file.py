@@ -43,7 +43,7 @@ class Hdf5File:
             self.attributes = {name: json.loads(value) for name, value in file.attrs.items()}
 
     def array(self, name: str) -> "Chunk | np.ndarray":
-        """One array, not read (a small one without chunks is), if the file is as it was when it was opened."""
+        """One array, not read (a small one without chunks is). StoreError for an unknown name, or a changed file."""
         array = self._arrays.get(name)
         if array is None:
             with h5py.File(self.path, "r") as file:

@@ -1,43 +1,51 @@
 """A store as a folder of Zarr v3: `ZarrFiles`, with the same methods as `palpate.store.hdf5_file.Hdf5File`.
 
 A chunk is one record, a shard one array of the batch. Zarr reads a file that is missing as the fill value, so files are
-compared with the store's seal. Zarr takes 1.5 ms for a record (`python -m studies.benchmarks.reading`), so records are
-read without it, at the speed of the decoder.
+compared with the store's seal. Zarr takes 1.5 ms for a record (`python -m studies.benchmarks.reading`) and 0.2 s to be
+imported, so what `write_zarr` wrote is read without it, at the speed of the decoder.
 """
 
+import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import google_crc32c
 import numcodecs.blosc
 import numpy as np
-import zarr
-from zarr.codecs import BloscCodec, BytesCodec, Crc32cCodec, ShardingCodec
-from zarr.core.metadata import ArrayV3Metadata
 
 from palpate import seal
 from palpate.seal import Seal
 from palpate.store.contract import StoreError, StoreSpec
 
-# Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
-# otherwise (ZARR_THREADING__MAX_WORKERS). Several threads of Blosc may write a chunk's blocks in any order.
-if zarr.config.get("threading.max_workers") is None:
-    zarr.config.set({"threading.max_workers": 1})
-numcodecs.blosc.use_threads = False
+numcodecs.blosc.use_threads = False  # several threads may write a chunk's blocks in any order
 
 # Chosen in docs/evidence/dataset.md; lossless.
 COMPRESSION: dict[str, Any] = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
+SHARDING = "sharding_indexed"  # Zarr's name of its codec
 ROOT = "zarr.json"  # the file of a group's attributes, and of an array's header
 NOT_WRITTEN = 2**64 - 1  # offset of a chunk that holds the fill value (Zarr's sharding codec, version 1.0)
 CHECKSUM = 4  # bytes of a CRC-32C, which ends each chunk and the index
 
 
+def load_zarr() -> ModuleType:
+    """Import `zarr` and return it. Batches are worked on in parallel, never the chunks of one store: it has one thread
+    a process, unless the user says otherwise (ZARR_THREADING__MAX_WORKERS)."""
+    import zarr
+
+    if zarr.config.get("threading.max_workers") is None:
+        zarr.config.set({"threading.max_workers": 1})
+    return zarr
+
+
 def write_zarr(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
     """Write arrays that fit the contract, strings as objects. Chunks of nothing but fill values are not written
     (Zarr's setting `array.write_empty_chunks` is False), such as those of sensors that touched nothing."""
+    zarr = load_zarr()
+    crc, blosc = zarr.codecs.Crc32cCodec(), zarr.codecs.BloscCodec(**COMPRESSION)
     group = zarr.create_group(path, attributes=dict(attributes))
     for name, array in arrays.items():
         array_spec = spec.arrays[name]
@@ -50,7 +58,7 @@ def write_zarr(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], at
             dtype="string" if text else array.dtype,
             chunks=chunk,
             shards=shard if shard != chunk else None,
-            compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
+            compressors=[crc] if text else [blosc, crc],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
             attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
             dimension_names=array_spec.dimensions,  # which xarray opens it by
@@ -64,8 +72,8 @@ class ZarrFiles:
 
     def __init__(self, path: Path):
         self.path = path
-        self._arrays: dict[str, Records | zarr.Array] = {}
-        self.attributes = dict(zarr.open_group(path, mode="r").attrs)
+        self._arrays: dict[str, Records] = {}
+        self.attributes = json.loads((path / ROOT).read_bytes())["attributes"]
 
     @cached_property
     def seal(self) -> Seal:
@@ -74,14 +82,17 @@ class ZarrFiles:
         sealed.require([ROOT])
         return sealed
 
-    def array(self, name: str) -> "Records | zarr.Array":
+    def array(self, name: str) -> "Records":
         """One array, not read, if its files are as they were when the store was opened."""
-        array = self._arrays.get(name)
-        if array is None:
-            array = self._arrays[name] = self._open(name)
-        # At every read, because Zarr takes a missing file for one of fill values.
-        self._require(shard_file(name, array), contents=False)
-        return array
+        if name not in self._arrays:
+            if not self._require(f"{name}/{ROOT}", contents=True):
+                raise StoreError(f"{self.path} has no array {name!r}")
+            header = json.loads((self.path / name / ROOT).read_bytes())
+            shard = shard_file(name, header["shape"])
+            self._arrays[name] = Records(self.path / shard if shard in self.seal.files else None, header)
+        # At every read, because a missing file is one of fill values.
+        self._require(shard_file(name, self._arrays[name].shape), contents=False)
+        return self._arrays[name]
 
     def _require(self, name: str, contents: bool) -> bool:
         """Whether a file is of the store. Raises DamagedFile if it is not as it was written, or was not written."""
@@ -91,40 +102,35 @@ class ZarrFiles:
             raise seal.damaged(self.path, f"{name} was not written with it")
         return name in self.seal.files
 
-    def _open(self, name: str) -> "Records | zarr.Array":
-        """An array whose header is the one that was written."""
-        if not self._require(f"{name}/{ROOT}", contents=True):
-            raise StoreError(f"{self.path} has no array {name!r}")
-        array = zarr.open_array(self.path / name, mode="r")
-        if not is_readable(array):
-            return array
-        shard = shard_file(name, array)
-        return Records(self.path / shard if shard in self.seal.files else None, array)
-
     def names(self) -> list[str]:
         return [metadata.parent.name for metadata in self.path.glob(f"*/{ROOT}")]
 
 
-def shard_file(name: str, array: Any) -> str:
+def shard_file(name: str, shape: Sequence[int]) -> str:
     """The only file of values of a Zarr array, from its store on."""
-    return f"{name}/c{'/0' * len(array.shape)}"
+    return f"{name}/c{'/0' * len(shape)}"
 
 
 class Records:
-    """A Zarr array, `array[index]` as numpy indexes: numbers and slices of leading axes read only their records.
-    file: of its values; None if all are the fill value, and it was not written. array: as `is_readable` takes it."""
+    """A Zarr array of `write_zarr`, `array[index]` as numpy indexes: numbers and slices of leading axes read only their
+    records. file: of its values; None if all are the fill value, and it was not written. header: what zarr.json has."""
 
-    def __init__(self, file: Path | None, array: zarr.Array):
-        self.shape, self.dtype, self._fill, self._file = array.shape, array.dtype, array.fill_value, file
-        self._sharded = array.shards is not None
-        self._grid = [length // size for length, size in zip(array.shape, array.chunks, strict=True)]
+    def __init__(self, file: Path | None, header: Mapping[str, Any]):
+        self._file, self._text = file, header["data_type"] == "string"
+        self.shape, self.dtype = tuple(header["shape"]), np.dtype(object if self._text else header["data_type"])
+        self._fill = header["fill_value"] if self._text else self.dtype.type(header["fill_value"])  # "Infinity", too
+        self._sharded = header["codecs"][0]["name"] == SHARDING
+        chunks = (header["codecs"][0] if self._sharded else header["chunk_grid"])["configuration"]["chunk_shape"]
+        self._grid = [length // size for length, size in zip(self.shape, chunks, strict=True)]
         self._chunks = int(np.prod(self._grid))
         # Chunks are single records: along all axes but the last ones, which they cover, their length is 1.
-        self._leading = next((axis for axis, size in enumerate(array.chunks) if size != 1), len(self.shape))
+        self._leading = next((axis for axis, size in enumerate(chunks) if size != 1), len(self.shape))
 
     def __getitem__(self, index: Any) -> np.ndarray:
         """What `index` picks. Raises IndexError as numpy does, ValueError for a wrong checksum or chunk."""
         index = index if isinstance(index, tuple) else (index,)
+        if 0 in self.shape:
+            return np.empty(self.shape, self.dtype)[index]
         numbers = np.arange(self._chunks).reshape(self._grid[: self._leading])
         if not all(isinstance(each, int | np.integer | slice) for each in index):
             return self._read(numbers)[index]
@@ -147,7 +153,8 @@ class Records:
                 places = [(0, size)] * numbers.size
             for (start, length), target in zip(places, values.reshape(numbers.size, -1), strict=True):
                 if start != NOT_WRITTEN:
-                    numcodecs.blosc.decompress(self._checked(os.pread(descriptor, length, start), "a chunk"), target)
+                    chunk = self._checked(os.pread(descriptor, length, start), "a chunk")
+                    (numcodecs.VLenUTF8().decode if self._text else numcodecs.blosc.decompress)(chunk, target)
         finally:
             os.close(descriptor)
         return values
@@ -158,15 +165,3 @@ class Records:
         if google_crc32c.value(content) != int.from_bytes(checksum, "little"):
             raise ValueError(f"{self._file}: {name} has a wrong checksum")
         return content
-
-
-def is_readable(array: zarr.Array) -> bool:
-    """Whether `Records` reads this array: one shard or chunk, encoded as `write_zarr` does."""
-    if not isinstance(array.metadata, ArrayV3Metadata):
-        return False
-    codecs, whole = array.metadata.codecs, array.shards or array.chunks
-    if isinstance(codecs[0], ShardingCodec):
-        if [*map(type, codecs[0].index_codecs)] != [BytesCodec, Crc32cCodec]:
-            return False
-        codecs = codecs[0].codecs
-    return whole == array.shape and [*map(type, codecs)] == [BytesCodec, BloscCodec, Crc32cCodec]

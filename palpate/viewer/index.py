@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-import pandas as pd
 from markupsafe import Markup, escape
 from PIL import Image
 
@@ -89,9 +88,7 @@ def run_page(
     whole = [record for record in shown if stages and all(path.exists() for path in _stores(record, stages))]
     for record in spread(whole, object_pages):
         if not _is_current(page := pages / f"{record.name}.html", record):
-            read(
-                None, lambda page, record: viewer.object_page(page, record), page, record
-            )  # trimesh, when it is needed
+            read(None, viewer.object_page, page, record)  # loads trimesh
     tables = [read(None, _result, file, name, link) for name, file in _files(run.folder, "tables", "md")]
     render(
         path,
@@ -244,17 +241,19 @@ def _figures(folder: Path, link: Callable[..., str]) -> list[dict[str, Any]]:
 
 def _trainings(folder: Path) -> Table:
     """The trained models with their curves, the training's loss first and then that on the validation split."""
+    import pandas
+
     rows = []
     for path in sorted(folder.glob("models/**/training.json")):
         training = json.loads(path.read_bytes())
-        history, seconds = pd.read_csv(path.with_name("history.csv")), training["seconds"]
+        history, seconds = pandas.read_csv(path.with_name("history.csv")), training["seconds"]
         name, loss = path.parent.relative_to(folder / "models").as_posix(), training["validation_loss"]
         cells = Cell("", curve=_curve(history)), Cell(f"{loss:.3f}", loss), training["best_step"], training["steps"]
         rows.append([name, *cells, Cell(duration(seconds), seconds)])
     return _table(("model", "loss", "best on validation", "at step", "steps", "time"), rows)
 
 
-def _curve(history: pd.DataFrame) -> list[str]:
+def _curve(history: Any) -> list[str]:
     """Points of polylines: steps to the right, logarithms of losses upwards."""
     losses = history[["train_loss", "validation_loss"]].clip(lower=1e-9).map(math.log)
     low, high = losses.min(axis=None), losses.max(axis=None)

@@ -33,7 +33,8 @@ def triangles(
     kind: str, size: ArrayLike, vertices: np.ndarray | None = None, faces: np.ndarray | None = None
 ) -> Triangles:
     """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame; kind and size as in
-    `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a mesh; without faces its convex hull is drawn."""
+    `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a mesh; without faces its convex hull is drawn. Raises
+    ValueError for another kind."""
     size = np.asarray(size, dtype=float)
     if kind == "box":
         return rounded_box(size, bevel(size), EDGE_SEGMENTS)

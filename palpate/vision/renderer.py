@@ -220,7 +220,8 @@ class Renderer:
             body.hide_render = True
 
     def import_object(self, path: Path, position: Sequence[float]) -> np.ndarray:
-        """Put an object's file, its origin at a position, into Blender; returns its vertices (n, 3) in the world."""
+        """Put an object's file, its origin at a position, into Blender; returns its vertices (n, 3) in the world.
+        Raises FileNotFoundError, or UnusableObject as `render_cameras`."""
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected an object's visual.glb")
         before = set(bpy.data.objects)

@@ -442,7 +442,7 @@ def test_a_batch_without_objects_joins_and_is_written(tmp_path, stage):
 
 
 def test_one_thread_a_process_unless_the_user_says_otherwise():
-    code = "import palpate.store, zarr; print(zarr.config.get('threading.max_workers'))"
+    code = "from palpate.store.zarr_files import load_zarr; print(load_zarr().config.get('threading.max_workers'))"
     for threads, expected in ((None, "1"), ("3", "3")):
         environment = {key: value for key, value in os.environ.items() if not key.startswith("ZARR_")}
         environment |= {"ZARR_THREADING__MAX_WORKERS": threads} if threads else {}
