@@ -18,7 +18,7 @@ from palpate import hand as hands
 from palpate.atomic import atomic_write
 from palpate.batch import UnusableObject, generator
 from palpate.catalogue import Source, SourceObject
-from palpate.catalogue.source import LAYOUTS
+from palpate.catalogue.source import FORMAT_UP, LAYOUTS
 from palpate.configuration import ConfigError, absolute, check, read_config
 from palpate.experiments import Experiments
 from palpate.hand import DURATION, Hand
@@ -189,6 +189,9 @@ def object_lines(settings: Settings, config: Mapping[str, Any], checksums: Mappi
     classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
     formats = sorted(Counter(Path(entry.source).suffix.lower() for entry in entries).items())
     yield f"{len(entries)} objects in {classes}: {', '.join(f'{suffix} {count}' for suffix, count in formats)}"
+    silent = [entry for entry in entries if Path(entry.source).suffix.lower() not in (*FORMAT_UP, ".dae")]
+    if source.up == "format" and silent and all(entry.up == "z" for entry in silent):
+        yield "  but for glTF and COLLADA no format says what is up, z is taken: if objects lie, set source.up to y"
     for name in settings.classes:
         of_splits = [f"{split} {counts[name, split]}" for split in catalogue.SPLITS if counts[name, split]]
         yield f"  {name}: {', '.join(of_splits)}"

@@ -81,6 +81,7 @@ def test_it_says_what_there_is_and_what_is_wrong(overlay, folder, tmp_path, caps
     assert said.err == ""
     for line in (
         "5 objects in 2 classes: .glb 1, .obj 2, .ply 1, .stl 1",
+        "z is taken: if objects lie, set source.up to y",
         "opened 5 meshes, of which ",
         "0.143 to 136 units of the file across, 12 to ",
         ".png: there is no such file: drawn in neutral grey",
@@ -117,9 +118,10 @@ def meshes_only(monkeypatch):
 
 def test_sizes_that_are_kept_come_with_a_hint_at_the_unit(overlay, folder, meshes_only, capsys):
     shutil.rmtree(folder / "can")
-    source = {"kind": "folder", "path": str(folder), "scale": "keep"}
+    source = {"kind": "folder", "path": str(folder), "scale": "keep", "up": "z"}
     assert main(["check", str(overlay(**SMALL, source=source))]) == 0
     said = capsys.readouterr().out
+    assert "if objects lie" not in said  # the config says how they stand
     assert "brick-millimetres can't be used: at scale keep it is 136 m across" in said and "here 0.001 or" in said
 
 

@@ -6,6 +6,20 @@ from palpate.charts.fit import fit_atlas, fit_direct
 from palpate.charts.graph import Graph
 from palpate.charts.sample import face_areas, sample_faces
 
-__all__ = ["ATLAS_RADIUS", "Graph", "build_tree", "chamfer_distance", "chart_faces", "face_areas", "fit_atlas"]
-__all__ += ["fit_direct", "nearest", "one_sided_distance", "plane_normals", "sample_faces", "sphere", "touch_chart"]
-__all__ += ["vision_atlas"]
+__all__ = [
+    "ATLAS_RADIUS",
+    "Graph",
+    "build_tree",
+    "chamfer_distance",
+    "chart_faces",
+    "face_areas",
+    "fit_atlas",
+    "fit_direct",
+    "nearest",
+    "one_sided_distance",
+    "plane_normals",
+    "sample_faces",
+    "sphere",
+    "touch_chart",
+    "vision_atlas",
+]
