@@ -18,7 +18,7 @@ from PIL import Image
 from palpate.atomic import atomic_write
 from palpate.configuration import ConfigError
 from palpate.sensor import Sensor, read_background
-from palpate.touch.gel import TOLERANCE, Layer, contact, face, response
+from palpate.touch.gel import Layer, face, indent
 from palpate.touch.reading import shade_pressed
 from palpate.touch.shading import flattened, monomials, normals
 
@@ -149,13 +149,11 @@ def press_indenter(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray
     centre = tuple(int(np.clip(np.rint(p), 0, n - 1)) for p, n in zip((row, column), gap.shape, strict=True))
     along_z, along_y = (slope[centre] for slope in np.gradient(sag, *sensor.pixel))
     gap = gap + sag - sag[centre] - along_z * z - along_y * y
-    moved = face(layer, gap.shape, sensor.pixel).indentation
+    gel = face(layer, gap.shape, sensor.pixel)
     for _ in range(6):
-        start = np.maximum(depth - gap, 0)
-        if not start.any():
+        if not (gap < depth).any():
             raise ValueError("the contact lies outside the image")
-        start /= response(np.pi / np.sqrt(np.count_nonzero(start) * height * width), layer).normal
-        pressure, move, _ = contact(moved, gap - depth, None, start, TOLERANCE)
+        pressure, (*_, move), _ = indent(gel, gap, depth=depth)
         count = np.count_nonzero(pressure)
         if not wanted or abs(wanted - count) <= 0.01 * wanted:
             break
