@@ -96,35 +96,29 @@ class Face:
         more = (int(np.ceil(n + padding * layer.thickness / edge)) for n, edge in zip(shape, pixel, strict=True))
         self.padded = tuple(fft.next_fast_len(n, real=True) for n in more)
 
-    def _spectra(self, motions: Callable[[Response, np.ndarray, np.ndarray], list]) -> np.ndarray:
-        """(i, j, R, C) motions by tractions: `motions` of the response and the unit vector (y, z) of each wavenumber of
-        the grid, times squares of sincs, since tractions are constant on pixels and displacements means over them."""
+    @cached_property
+    def _spectra(self) -> np.ndarray:
+        """(3, 3, R, C) motions along y, z and into the gel by tractions likewise, of each wavenumber of the grid, times
+        squares of sincs, since tractions are constant on pixels and displacements means over them."""
         total: Any = 0
         for order in product(range(-ALIASES, ALIASES + 1), repeat=2):
             cycles = np.fft.fftfreq(self.padded[0])[:, None] + order[0], np.fft.rfftfreq(self.padded[1]) + order[1]
             z, y = (2 * np.pi * n / edge for n, edge in zip(cycles, self.pixel, strict=True))
             wavenumber, mean = np.hypot(y, z), np.sinc(cycles[0]) ** 2 * np.sinc(cycles[1]) ** 2
-            unit = np.maximum(wavenumber, 1e-30)
-            total = total + mean * np.array(motions(response(wavenumber, self.layer), y / unit, z / unit))
-        return total.astype(np.result_type(self.dtype, np.complex64))
-
-    @cached_property
-    def _by_pressure(self) -> np.ndarray:
-        spectra = self._spectra(lambda f, y, z: [[-1j * f.spread * y], [-1j * f.spread * z], [f.normal + 0 * y]])
-        # Sideways they are odd along their axes, so that nothing is left at the grid's largest wavenumber.
+            found, y, z = response(wavenumber, self.layer), *(k / np.maximum(wavenumber, 1e-30) for k in (y, z))
+            more, nothing = found.along - found.across, 0 * wavenumber  # more is 0 at 0, where no direction is meant
+            motions = [
+                [found.across + more * y * y, more * y * z, -1j * found.spread * y],
+                [more * y * z, found.across + more * z * z, -1j * found.spread * z],
+                [nothing, nothing, found.normal],
+            ]
+            total = total + mean * np.array(motions)
+        # By pressure sideways they are odd along their axes, so that nothing is left at the grid's largest wavenumber.
         if self.padded[0] % 2 == 0:
-            spectra[1, :, self.padded[0] // 2] = 0
+            total[1, 2, self.padded[0] // 2] = 0
         if self.padded[1] % 2 == 0:
-            spectra[0, ..., -1] = 0
-        return spectra
-
-    @cached_property
-    def _by_traction(self) -> np.ndarray:
-        def motions(f: Response, y: np.ndarray, z: np.ndarray) -> list:
-            more = f.along - f.across  # 0 at 0, where no direction is meant
-            return [[f.across + more * y * y, more * y * z], [more * y * z, f.across + more * z * z]]
-
-        return self._spectra(motions)
+            total[0, 2, :, -1] = 0
+        return total.astype(np.result_type(self.dtype, np.complex64))
 
     def _moved(self, spectra: np.ndarray, tractions: np.ndarray) -> np.ndarray:
         spectrum = fft.fft(fft.rfft(tractions, self.padded[1]), self.padded[0], axis=-2)
@@ -133,16 +127,16 @@ class Face:
 
     def by_pressure(self, pressure: np.ndarray) -> np.ndarray:
         """(3, r, c) m along y, z and into the gel, by pressures (r, c) Pa."""
-        return self._moved(self._by_pressure, pressure[None])
+        return self._moved(self._spectra[:, 2:], pressure[None])
 
     def by_traction(self, traction: np.ndarray) -> np.ndarray:
         """(2, r, c) m along y and z, by sideways tractions (2, r, c) Pa."""
-        return self._moved(self._by_traction, traction)
+        return self._moved(self._spectra[:2, :2], traction)
 
     @cached_property
     def _around_one(self) -> np.ndarray:
         """(R, C) m / Pa into the gel, around one pixel under pressure."""
-        return fft.irfft2(self._by_pressure[2, 0], self.padded)
+        return fft.irfft2(self._spectra[2, 2], self.padded)
 
     def block(self, shape: tuple[int, int]) -> Callable[[np.ndarray], np.ndarray]:
         """Motion into the gel in a block of pixels by pressures in it, both (r, c), as `by_pressure` has it to
@@ -152,14 +146,8 @@ class Face:
         kernel, (rows, columns) = fft.rfft2(self._around_one[places]), shape
         return lambda pressure: fft.irfft2(kernel * fft.rfft2(pressure, size), size)[:rows, :columns]
 
-    @cached_property
-    def springs(self) -> np.ndarray:
-        """(n,) Pa / m: the stiffness for a wavelength of the size of a contact of 1 to all pixels."""
-        area = np.arange(1, np.prod(self.shape) + 1) * np.prod(self.pixel)
-        return 1 / response(np.pi / np.sqrt(area), self.layer).normal
 
-
-face = lru_cache(maxsize=8)(Face)
+face = lru_cache(maxsize=4)(Face)
 
 
 def contact(
@@ -222,14 +210,18 @@ def indent(
     gap: (r, c) m before the face, 0 at the first touch, inf where there is no surface. force: N, which decides the
     approach; None: it is `depth`, more than the least gap. Raises NotConverged.
     """
-    total = None if force is None else force / np.prod(gel.pixel)
-    if total is not None:  # to begin with, that of springs
-        order = np.sort(gap[np.isfinite(gap)])
-        count, below, springs = np.arange(1, len(order) + 1), np.cumsum(order), gel.springs[: len(order)]
-        last = int(np.flatnonzero(springs * (count * order - below) < total)[-1])
-        depth = (total / springs[last] + below[last]) / count[last]
+    area, total = np.prod(gel.pixel), None
+    # To begin with: springs, as stiff as the layer is for a wavelength of the contact's size.
+    if force is not None:
+        total, order = force / area, np.sort(gap[np.isfinite(gap)])
+        count = np.unique(np.geomspace(1, len(order), 200).astype(int))
+        stiffness, below = 1 / response(np.pi / np.sqrt(count * area), gel.layer).normal, np.cumsum(order)[count - 1]
+        last = int(np.flatnonzero(stiffness * (count * order[count - 1] - below) < total)[-1])
+        depth = (total / stiffness[last] + below[last]) / count[last]
     pressure = np.maximum(depth - gap, 0)
-    pressure *= gel.springs[np.count_nonzero(pressure) - 1] if total is None else total / pressure.sum()
+    pressure /= response(np.pi / np.sqrt(np.count_nonzero(pressure) * area), gel.layer).normal
+    if total is not None:
+        pressure *= total / pressure.sum()
     touching = pressure > 0
     while True:  # in a block of pixels around the contact, until nothing beside it penetrates
         places = [np.flatnonzero(touching.any(axis=axis)) for axis in (1, 0)]
