@@ -108,13 +108,13 @@ def ways_out(rays: RayMesh, starts: np.ndarray) -> np.ndarray:
 def _sensor_axes(normals: np.ndarray, draws: np.ndarray, tilt: float) -> np.ndarray:
     """Rotations (n, 3, 3) of sensors whose x points into the surface with these normals (n, 3), uniformly within `tilt`
     of them; draws: (n, 3) random numbers between 0 and 1."""
-    turn, away, around = draws.T
+    turn, away, around = (draws * [2 * np.pi, 1, 2 * np.pi]).T[..., None]
     first, second = np.moveaxis(tangents(normals), -2, 0)
-    cosine = (1 - away * (1 - np.cos(tilt)))[:, None]
-    x = np.sqrt(1 - cosine**2) * _turned(first, second, around) - cosine * normals
+    cosine = 1 - away * (1 - np.cos(tilt))
+    x = np.sqrt(1 - cosine**2) * (np.cos(around) * first + np.sin(around) * second) - cosine * normals
     across = np.cross(x, first)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    y = _turned(np.cross(across, x), across, turn)
+    y = np.cos(turn) * np.cross(across, x) + np.sin(turn) * across
     return np.stack([x, y, np.cross(x, y)], axis=2)
 
 
@@ -123,9 +123,3 @@ def tangents(normals: np.ndarray) -> np.ndarray:
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack([first, np.cross(normals, first)], axis=-2)
-
-
-def _turned(first: np.ndarray, second: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Unit vectors (n, 3) in the planes of two (n, 3), by shares (n,) of a turn from the first."""
-    angle = 2 * np.pi * turn[:, None]
-    return np.cos(angle) * first + np.sin(angle) * second
