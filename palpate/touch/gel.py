@@ -22,6 +22,7 @@ ALIASES = 2  # wavenumbers beyond the grid's that are summed, each way: pressure
 TOLERANCE = 1e-3  # of gaps and penetration, in units of the approach
 ITERATIONS = 1000
 MARGIN = 2  # pixels around where a contact is expected, in which it is solved at first
+Axes = tuple[int, ...]
 _SERIES = 0.1  # below it sinh y - y is summed by its series: the difference has no digits left
 
 
@@ -95,11 +96,12 @@ class Face:
         self.layer, self.shape, self.pixel, self.dtype = layer, shape, pixel, dtype
         more = (int(np.ceil(n + padding * layer.thickness / edge)) for n, edge in zip(shape, pixel, strict=True))
         self.padded = tuple(fft.next_fast_len(n, real=True) for n in more)
+        self._kernel = lru_cache(maxsize=64)(self._spectra)
 
     @cached_property
-    def _spectra(self) -> np.ndarray:
-        """(3, 3, R, C) motions along y, z and into the gel by tractions likewise, of each wavenumber of the grid, times
-        squares of sincs, since tractions are constant on pixels and displacements means over them."""
+    def _around(self) -> np.ndarray:
+        """(3, 3, R, C) m / Pa around one pixel: along y, z and into the gel, by tractions likewise. In wavenumbers
+        responses times squares of sincs, since tractions are constant on pixels and displacements means over them."""
         total: Any = 0
         for order in product(range(-ALIASES, ALIASES + 1), repeat=2):
             cycles = np.fft.fftfreq(self.padded[0])[:, None] + order[0], np.fft.rfftfreq(self.padded[1]) + order[1]
@@ -118,33 +120,22 @@ class Face:
             total[1, 2, self.padded[0] // 2] = 0
         if self.padded[1] % 2 == 0:
             total[0, 2, :, -1] = 0
-        return total.astype(np.result_type(self.dtype, np.complex64))
+        return fft.irfft2(total, self.padded).astype(self.dtype)
 
-    def _moved(self, spectra: np.ndarray, tractions: np.ndarray) -> np.ndarray:
-        spectrum = fft.fft(fft.rfft(tractions, self.padded[1]), self.padded[0], axis=-2)
-        rows = fft.ifft((spectra * spectrum).sum(axis=1), axis=-2)[:, : self.shape[0]]  # others are not needed
-        return fft.irfft(rows, self.padded[1])[..., : self.shape[1]]
-
-    def by_pressure(self, pressure: np.ndarray) -> np.ndarray:
-        """(3, r, c) m along y, z and into the gel, by pressures (r, c) Pa."""
-        return self._moved(self._spectra[:, 2:], pressure[None])
-
-    def by_traction(self, traction: np.ndarray) -> np.ndarray:
-        """(2, r, c) m along y and z, by sideways tractions (2, r, c) Pa."""
-        return self._moved(self._spectra[:2, :2], traction)
-
-    @cached_property
-    def _around_one(self) -> np.ndarray:
-        """(R, C) m / Pa into the gel, around one pixel under pressure."""
-        return fft.irfft2(self._spectra[2, 2], self.padded)
-
-    def block(self, shape: tuple[int, int]) -> Callable[[np.ndarray], np.ndarray]:
-        """Motion into the gel in a block of pixels by pressures in it, both (r, c), as `by_pressure` has it to
-        rounding, by transforms of twice the block's size."""
+    def _spectra(self, axes: tuple[Axes, Axes], shape: tuple[int, int]) -> tuple[list[int], np.ndarray]:
+        """Size of transforms, and spectra (i, j, ...) of motions by tractions, for blocks of pixels of a shape."""
         size = [min(fft.next_fast_len(2 * n - 1, real=True), most) for n, most in zip(shape, self.padded, strict=True)]
-        places = np.ix_(*(np.rint(np.fft.fftfreq(n, 1 / n)).astype(int) for n in size))
-        kernel, (rows, columns) = fft.rfft2(self._around_one[places]), shape
-        return lambda pressure: fft.irfft2(kernel * fft.rfft2(pressure, size), size)[:rows, :columns]
+        places = (np.rint(np.fft.fftfreq(n, 1 / n)).astype(int) for n in size)
+        return size, fft.rfft2(self._around[np.ix_(*axes, *places)])
+
+    def moved(self, tractions: np.ndarray, motions: Axes = (0, 1, 2), by: Axes = (2,)) -> np.ndarray:
+        """Motions (i, r, c), m, of a block of pixels by tractions (j, r, c), Pa, on it. Axes: along y, z, into the gel.
+        As long transforms as the block needs: those of a small one are the whole face's, to rounding."""
+        rows, columns = tractions.shape[1:]
+        size, kernel = self._kernel((motions, by), (rows, columns))
+        spectrum = fft.fft(fft.rfft(tractions, size[1]), size[0], axis=-2)
+        spectrum = fft.ifft(np.einsum("ij...,j...->i...", kernel, spectrum), axis=-2)[:, :rows]  # others are not needed
+        return fft.irfft(spectrum, size[1])[..., :columns]
 
 
 face = lru_cache(maxsize=4)(Face)
@@ -205,7 +196,7 @@ def contact(
 def indent(
     gel: Face, gap: np.ndarray, force: float | None = None, depth: float = 0.0, tolerance: float = TOLERANCE
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Pressures (r, c) Pa under a rigid surface, the motion of the face as `Face.by_pressure`, and the approach, m.
+    """Pressures (r, c) Pa under a rigid surface, the motion of the face as `Face.moved`, and the approach, m.
 
     gap: (r, c) m before the face, 0 at the first touch, inf where there is no surface. force: N, which decides the
     approach; None: it is `depth`, more than the least gap. Raises NotConverged.
@@ -227,10 +218,12 @@ def indent(
         places = [np.flatnonzero(touching.any(axis=axis)) for axis in (1, 0)]
         block = tuple(slice(max(at[0] - MARGIN, 0), at[-1] + 1 + MARGIN) for at in places)
         start = pressure[block]
-        pressed, approach = contact(gel.block(start.shape), gap[block], start, total, depth, tolerance)
+        pressed, approach = contact(
+            lambda image: gel.moved(image[None], (2,))[0], gap[block], start, total, depth, tolerance
+        )
         pressure = np.zeros_like(pressure)
         pressure[block] = pressed
-        motion = gel.by_pressure(pressure)
+        motion = gel.moved(pressure[None])
         beside = approach - gap - motion[2] > tolerance * motion[2].max()
         beside[block] = False
         if not beside.any():
@@ -280,12 +273,12 @@ def press(
         along = imposed / np.maximum(length, np.finfo(float).tiny)
 
         def moved(traction: np.ndarray) -> np.ndarray:
-            return (gel.by_traction(traction * along) * along).sum(axis=0)
+            return (gel.moved(traction * along, (0, 1), (0, 1)) * along).sum(axis=0)
 
         slipping = friction * pressure
         gap = np.where(pressure > 0, length - moved(slipping), np.inf)
         correction = contact(moved, gap, slipping, tolerance=tolerance)[0] if friction > 0 else slipping
         traction = (slipping - np.minimum(correction, slipping)) * along
-        displacement = displacement + gel.by_traction(traction)
+        displacement = displacement + gel.moved(traction, (0, 1), (0, 1))
     sideways = (np.moveaxis(vectors, 0, -1) for vectors in (displacement, traction))
     return Pressed(motion[2], pressure, *sideways, force, approach, approach / layer.thickness)
