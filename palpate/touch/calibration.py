@@ -139,7 +139,7 @@ def press_indenter(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray
         radius *= np.sqrt(height * width)
         if not radius < 1.1 * ball:
             mm = f"{1e3 * radius:.3g} mm is no contact of a ball of radius {1e3 * ball:.3g} mm"
-            raise ValueError(f"a circle of radius {mm}")
+            raise ValueError(f"{indentation.image}: a circle of radius {mm}")
         radius = min(radius, WIDEST * ball)
         depth, wanted = radius**2 / ball, np.count_nonzero(away <= radius)  # at first the half-space's
     centre = tuple(int(np.clip(np.rint(p), 0, n - 1)) for p, n in zip((row, column), gap.shape, strict=True))
@@ -148,7 +148,7 @@ def press_indenter(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray
     gel = face(layer, gap.shape, sensor.pixel)
     for _ in range(6):
         if not (gap < depth).any():
-            raise ValueError("the contact lies outside the image")
+            raise ValueError(f"{indentation.image}: the contact lies outside the image")
         pressure, (*_, move), _ = indent(gel, gap, depth=depth)
         count = np.count_nonzero(pressure)
         if not wanted or abs(wanted - count) <= 0.01 * wanted:
@@ -175,10 +175,7 @@ def calibrate(
     changes, placed, moves, windows = real.astype(float) - background, [], [], []
     for indentation, change in zip(indentations, changes, strict=True):
         placed.append(_place(indentation, change, sensor))
-        try:
-            move, radius = press(placed[-1], sensor)
-        except ValueError as wrong:
-            raise ValueError(f"{indentation.image}: {wrong}") from None
+        move, radius = press(placed[-1], sensor)
         moves.append(move)
         windows.append((np.abs(offsets(placed[-1], sensor)).max(axis=0) <= AROUND * radius) & sensor.on_gel)
     fitted, around = np.arange(len(real)) % 2 == 0, np.array(windows)
