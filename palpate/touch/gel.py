@@ -126,7 +126,7 @@ class Face:
         """Size of transforms, and spectra (i, j, ...) of motions by tractions, for blocks of pixels of a shape."""
         size = [min(fft.next_fast_len(2 * n - 1, real=True), most) for n, most in zip(shape, self.padded, strict=True)]
         places = (np.rint(np.fft.fftfreq(n, 1 / n)).astype(int) for n in size)
-        return size, fft.rfft2(self._around[np.ix_(*axes, *places)])
+        return size, fft.rfft2(self._around[np.ix_(*map(np.asarray, (*axes, *places)))])
 
     def moved(self, tractions: np.ndarray, motions: Axes = (0, 1, 2), by: Axes = (2,)) -> np.ndarray:
         """Motions (i, r, c), m, of a block of pixels by tractions (j, r, c), Pa, on it. Axes: along y, z, into the gel.
@@ -201,7 +201,7 @@ def indent(
     gap: (r, c) m before the face, 0 at the first touch, inf where there is no surface. force: N, which decides the
     approach; None: it is `depth`, more than the least gap. Raises NotConverged.
     """
-    area, total = np.prod(gel.pixel), None
+    area, total = float(np.prod(gel.pixel)), None
     # To begin with: springs, as stiff as the layer is for a wavelength of the contact's size.
     if force is not None:
         total, order = force / area, np.sort(gap[np.isfinite(gap)])
@@ -280,5 +280,5 @@ def press(
         correction = contact(moved, gap, slipping, tolerance=tolerance)[0] if friction > 0 else slipping
         traction = (slipping - np.minimum(correction, slipping)) * along
         displacement = displacement + gel.moved(traction, (0, 1), (0, 1))
-    sideways = (np.moveaxis(vectors, 0, -1) for vectors in (displacement, traction))
-    return Pressed(motion[2], pressure, *sideways, force, approach, approach / layer.thickness)
+    displacement, traction = (np.moveaxis(vectors, 0, -1) for vectors in (displacement, traction))
+    return Pressed(motion[2], pressure, displacement, traction, force, approach, approach / layer.thickness)
