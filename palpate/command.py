@@ -156,15 +156,18 @@ def calibrate(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from palpate import sensor
-    from palpate.touch.calibration import calibrate, write_sensor
-    from palpate.viewer.calibration import calibration_page
+    from palpate.touch.calibration import AROUND, calibrate, write_sensor
+    from palpate.viewer.html import data_uri, render, resource
 
     base = args.extends or (str(args.sensor.absolute()) if args.sensor.exists() else "gelsight_mini")
     kind = replace(sensor.load(base), name=args.sensor.stem)
     found = calibrate(args.folder, kind, args.ball and args.ball / 2, args.circles, args.table)
     write_sensor(found.sensor, args.sensor)
-    page = args.sensor.with_suffix(".html")
-    calibration_page(page, found)
+    page, difference = args.sensor.with_suffix(".html"), 128 + found.simulated.astype(int) - found.real
+    shown = {"real": found.real, "simulated": found.simulated, "difference": difference.clip(0, 255).astype("uint8")}
+    images = {caption: [data_uri(image, 320) for image in stack] for caption, stack in shown.items()}
+    values = {"found": found, "images": images, "around": AROUND, "style": resource("viewer.css")}
+    render(page, "calibration.html.jinja", **values)
     kept = ~found.fitted
     errors = {"simulated": found.error, "untouched image": found.untouched_error, "noise": found.noise}
     words = ", ".join(f"{name} {error[kept].mean():.2f}" for name, error in errors.items())

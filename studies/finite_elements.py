@@ -13,7 +13,8 @@ from scipy.sparse.linalg import spsolve
 
 # Nodes of the reference square: corners, then the middles of the edges.
 NODES = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (0, -1), (1, 0), (0, 1), (-1, 0)], dtype=float)
-PENALTY = 300.0  # shear moduli a millimetre: penetrations of a micrometre
+# Shear moduli a millimetre: of the steps, and at the end, where the body is in the gel by 2 um at most (16 um before).
+PENALTIES = 300.0, 3000.0
 STEPS, NEWTON, SETTLED = 16, 60, 1e-8
 
 
@@ -118,10 +119,11 @@ class Gel:
         """Press a body into the gel by `depth` m. profile: height above its lowest point and slope at radii."""
         u = np.zeros(2 * len(self.nodes))
         height = self.nodes[self.face[0], 1]
-        for step in np.linspace(0, depth, STEPS + 1)[1:]:
+        steps = [(step, PENALTIES[0]) for step in np.linspace(0, depth, STEPS + 1)[1:]] + [(depth, PENALTIES[1])]
+        for step, penalty in steps:
             for _ in range(NEWTON):
                 residual, stiffness = self._stress(u)
-                force, contact, dofs = self._contact(u, profile, height - step)
+                force, contact, dofs = self._contact(u, profile, height - step, penalty)
                 residual += force
                 change = np.zeros_like(u)
                 parts = [(self.dofs, stiffness), (dofs, contact)]
@@ -136,13 +138,13 @@ class Gel:
                     break
             else:
                 raise ArithmeticError(f"finite elements did not settle at {step:g} m")
-        force, _, _ = self._contact(u, profile, height - depth)
+        force, _, _ = self._contact(u, profile, height - depth, penalty)
         moved = u.reshape(-1, 2)[self.face]
         return Pressed(self.nodes[self.face, 0], moved[:, 0], -moved[:, 1], float(force[1::2].sum()))
 
-    def _contact(self, u, profile: Callable, lowest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _contact(self, u, profile: Callable, lowest: float, penalty: float) -> tuple[np.ndarray, ...]:
         """Forces (d,), stiffness (edges, 6, 6) and its unknowns (edges, 6) of the penalty k gap^2 / 2 on the face."""
-        penalty = PENALTY * 1e3 * self.modulus
+        penalty *= 1e3 * self.modulus
         x = self.nodes[self.edges]
         place = x + u.reshape(-1, 2)[self.edges]
         dofs = (2 * self.edges[..., None] + [0, 1]).reshape(-1, 6)

@@ -163,8 +163,7 @@ def check_touch(item: CheckedObject) -> Measured:
         points_error[index] = np.abs(points - np.pad(cloud, ((0, len(points) - len(cloud)), (0, 0)))).max()
     yield "points", points_error
     if "indentation" in rows:
-        yield "reading", _pressed_reading_error(rows, item.sensor)
-        yield "pressed", _pressed_error(rows, item.sensor)
+        yield from _check_pressed(rows, item.sensor)
     else:
         errors = [_reading_error(depth[i], rows["reading"][i], item.sensor) for i in np.ndindex(count.shape)]
         yield "reading", np.reshape(errors, count.shape)
@@ -238,9 +237,7 @@ def check_press(item: CheckedObject) -> Measured:
     # The axis goes through the point, and nothing is in the undeformed gel.
     gel = sensor.gel_face - (depth + sensor.face_sag).min(axis=(1, 2))
     yield "press pose", np.maximum(np.linalg.norm(np.cross(arm, axis), axis=1), gel)
-    yield "reading", _pressed_reading_error(rows, sensor).max(axis=1)
-    pulls = rows["pressure"].min(axis=(1, 2, 3)) < 0
-    yield "pressed", np.where(pulls, np.inf, _pressed_error(rows, sensor).max(axis=1))
+    yield from ((check, error.max(axis=1)) for check, error in _check_pressed(rows, sensor))
     if can_check("on mesh"):
         poses = zip(depth, rows["position"], rows["rotation"], strict=True)
         clouds = [item.distance(local_points(*pose, sensor)).max(initial=0) for pose in poses]
@@ -378,22 +375,16 @@ def _reading_error(depth: np.ndarray, reading: np.ndarray, sensor: Sensor) -> fl
     return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
 
 
-def _pressed_reading_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
-    """Grey levels between pressed readings and the shading of their deformed faces: (g, s), of presses (t, e)."""
-    error = np.zeros(rows["force"].shape)
-    touched = rows.get("success", np.full(error.shape, True))
-    for index in np.ndindex(error.shape):
+def _check_pressed(rows: dict[str, np.ndarray], sensor: Sensor) -> Iterator[tuple[str, np.ndarray]]:
+    """Checks of pressed readings (g, s), of presses (t, e). The force is 0 of a gel that nothing presses."""
+    force, carried = rows["force"], rows["pressure"].sum(axis=(-2, -1), dtype=float) * np.prod(sensor.pixel)
+    off, touched = np.zeros(force.shape), rows.get("success", np.full(force.shape, True))
+    for index in np.ndindex(off.shape):
         shaded = shade_pressed(rows["indentation"][index], sensor, rows["displacement"][index])
-        expected = shaded if touched[index] else 0
-        error[index] = np.abs(rows["reading"][index].astype(int) - expected).max()
-    return error
-
-
-def _pressed_error(rows: dict[str, np.ndarray], sensor: Sensor) -> np.ndarray:
-    """What the pressures within the image sum to, less the share of the force that they should, over the force."""
-    area = np.prod(sensor.pixel)
-    error = np.abs(rows["pressure"].sum(axis=(-2, -1), dtype=float) * area - rows["inside"] * rows["force"])
-    return np.where(rows["force"] > 0, error / np.where(rows["force"] > 0, rows["force"], 1), error)
+        off[index] = np.abs(rows["reading"][index].astype(int) - shaded * touched[index]).max()
+    yield "reading", off
+    error = np.abs(carried - rows["inside"] * force) / np.where(force > 0, force, 1)
+    yield "pressed", np.where(rows["pressure"].min(axis=(-2, -1)) < 0, np.inf, error)
 
 
 def _depth_in_hand(hand: Hand, link_pose: np.ndarray, points: np.ndarray) -> float:

@@ -353,13 +353,10 @@ def pressing(dataset: Dataset, path: Path | str) -> None:
 def example_presses(dataset: Dataset) -> list[PressRecord]:
     """Of each class, `CLASSES` at most, the press whose last reading differs most from that of the untouched gel."""
     chosen: dict[str, tuple[float, PressRecord]] = {}
-    empty: dict[str, np.ndarray] = {}  # of each batch
     for record in dataset:
         if record.class_name in chosen or len(chosen) < CLASSES:
             for press in record.presses:
-                if record.batch not in empty:
-                    empty[record.batch] = press.empty_reading.astype(float)
-                difference = np.abs(press.reading[-1] - empty[record.batch]).mean()
+                difference = np.abs(press.reading[-1] - press.empty_reading.astype(float)).mean()
                 if difference > chosen.get(record.class_name, (-1, press))[0]:
                     chosen[record.class_name] = difference, press
     return [press for _, press in chosen.values()]

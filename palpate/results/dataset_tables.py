@@ -151,14 +151,12 @@ def presses(dataset: Dataset) -> DataFrame:
     if not rows:
         return pd.DataFrame({"class": [], "force": []})
     measured, table = pd.concat(rows), []
-    for name in [*measured["class"].unique(), "total"]:
-        members = measured if name == "total" else measured[measured["class"] == name]
+    for name, _, members in _classes(measured, measured):
         for force, chosen in members.groupby("force"):
-            by_object = chosen.groupby("object", sort=False)
-            sums, classes = by_object[["area", "depth", "inside_percent", "one"]].sum(), by_object["class"].first()
+            sums = _by_object(chosen)
             row: dict[str, Any] = {"class": name, "force": force, "objects": len(sums), "presses": len(chosen)}
             for column, most in {"area": np.inf, "depth": np.inf, "inside_percent": 100}.items():
-                row |= ratio_interval(sums[column], sums["one"], classes).within(0, most).columns(column)
+                row |= ratio_interval(sums[column], sums["one"], sums["class"]).within(0, most).columns(column)
             table.append(row | {"pressure": chosen["pressure"].mean(), "strain": chosen["strain"].max()})
     return pd.DataFrame(table).round(3)
 

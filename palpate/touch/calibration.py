@@ -18,7 +18,7 @@ from PIL import Image
 from palpate.atomic import atomic_write
 from palpate.configuration import ConfigError
 from palpate.sensor import Sensor, read_background
-from palpate.touch.gel import TOLERANCE, Layer, contact, face, response
+from palpate.touch.gel import Layer, face, indent
 from palpate.touch.reading import shade_pressed
 from palpate.touch.shading import flattened, monomials, normals
 
@@ -63,16 +63,15 @@ def read_folder(
     """The untouched image of a folder and its other images: those of its table, or all, of a ball (m) then. circles:
     CSV with a column `image` and any of the other fields of `Indentation`; default `circles.csv` in the folder, if it
     is there. Raises `ConfigError` for an image or indenter that is missing, and numbers that are none."""
-    images = sorted(path for path in Path(folder).iterdir() if path.suffix.lower() in SUFFIXES)
-    images = [path for path in images if not path.with_suffix(".yaml").exists()]  # the background of a sensor
+    files = sorted(path for path in Path(folder).iterdir() if path.suffix.lower() in SUFFIXES)
+    images = [path for path in files if not path.with_suffix(".yaml").exists()]  # else a sensor's background
     untouched = [path for path in images if path.stem == "untouched"]
     if len(untouched) != 1:
         raise ConfigError(f"{folder}: expected one image named untouched, as untouched.png, got {len(untouched)}")
     table, indentations = Path(circles or Path(folder, "circles.csv")), []
     rows = [{"image": path.name} for path in images if path not in untouched]
     if circles or table.exists():
-        with open(table, newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file, skipinitialspace=True))
+        rows = list(csv.DictReader(table.read_text("utf-8").splitlines(), skipinitialspace=True))
     for number, row in enumerate(rows, 2):
         path = Path(folder, str(row.get("image") or "?"))
         if not path.is_file():
@@ -85,8 +84,7 @@ def read_folder(
             values["ball_radius"] = ball_radius
         lengths = [value for key, value in values.items() if key not in ("row", "column")]
         if ("ball_radius" in values) == ("punch_radius" in values) or not all(length > 0 for length in lengths):
-            what = values or "nothing"
-            raise ConfigError(f"{path}: expected a ball or a punch, and radii and depths above 0: {what}")
+            raise ConfigError(f"{path}: expected a ball or a punch, radii and depths above 0: {values or 'nothing'}")
         if "punch_radius" in values and "depth" not in values:
             raise ConfigError(f"{path}: a punch needs a depth: its circle does not state it")
         indentations.append(Indentation(path, **values))
@@ -131,31 +129,27 @@ def press_indenter(indentation: Indentation, sensor: Sensor) -> tuple[np.ndarray
     radius, m. It goes in along a convex face's normal, a ball without a depth until its contact has the circle's area.
     Raises ValueError for a circle wider than the ball and a contact outside the image."""
     layer, sag, (height, width) = Layer(**sensor.require_material()), sensor.face_sag, sensor.pixel
-    given: tuple[Any, ...] = indentation
-    _, row, column, radius, depth, ball, punch = given
+    given: Any = indentation[1:]
+    row, column, radius, depth, ball, punch = given
     z, y = offsets(indentation, sensor)
     away, wanted = np.hypot(y, z), 0
-    if ball is None:
-        gap = np.where(away <= punch, 0, np.inf)
-    else:
-        gap = np.where(away < ball, ball - np.sqrt(np.maximum(ball**2 - away**2, 0)), np.inf)
+    cap = 0 if ball is None else ball - np.sqrt(np.maximum(ball**2 - away**2, 0))
+    gap = np.where(away <= punch if ball is None else away < ball, cap, np.inf)
     if depth is None:
         radius *= np.sqrt(height * width)
         if not radius < 1.1 * ball:
-            words = f"a circle of radius {1e3 * radius:.3g} mm is no contact of a ball of radius {1e3 * ball:.3g} mm"
-            raise ValueError(words)
+            mm = f"{1e3 * radius:.3g} mm is no contact of a ball of radius {1e3 * ball:.3g} mm"
+            raise ValueError(f"{indentation.image}: a circle of radius {mm}")
         radius = min(radius, WIDEST * ball)
         depth, wanted = radius**2 / ball, np.count_nonzero(away <= radius)  # at first the half-space's
     centre = tuple(int(np.clip(np.rint(p), 0, n - 1)) for p, n in zip((row, column), gap.shape, strict=True))
     along_z, along_y = (slope[centre] for slope in np.gradient(sag, *sensor.pixel))
     gap = gap + sag - sag[centre] - along_z * z - along_y * y
-    moved = face(layer, gap.shape, sensor.pixel).indentation
+    gel = face(layer, gap.shape, sensor.pixel)
     for _ in range(6):
-        start = np.maximum(depth - gap, 0)
-        if not start.any():
-            raise ValueError("the contact lies outside the image")
-        start /= response(np.pi / np.sqrt(np.count_nonzero(start) * height * width), layer).normal
-        pressure, move, _ = contact(moved, gap - depth, None, start, TOLERANCE)
+        if not (gap < depth).any():
+            raise ValueError(f"{indentation.image}: the contact lies outside the image")
+        pressure, (*_, move), _ = indent(gel, gap, depth=depth)
         count = np.count_nonzero(pressure)
         if not wanted or abs(wanted - count) <= 0.01 * wanted:
             break
@@ -181,10 +175,7 @@ def calibrate(
     changes, placed, moves, windows = real.astype(float) - background, [], [], []
     for indentation, change in zip(indentations, changes, strict=True):
         placed.append(_place(indentation, change, sensor))
-        try:
-            move, radius = press(placed[-1], sensor)
-        except ValueError as wrong:
-            raise ValueError(f"{indentation.image}: {wrong}") from None
+        move, radius = press(placed[-1], sensor)
         moves.append(move)
         windows.append((np.abs(offsets(placed[-1], sensor)).max(axis=0) <= AROUND * radius) & sensor.on_gel)
     fitted, around = np.arange(len(real)) % 2 == 0, np.array(windows)

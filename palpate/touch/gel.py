@@ -11,7 +11,7 @@ sideways tractions, adhesion. `studies` has what they would change: docs/gel.md.
 from collections.abc import Callable
 from functools import cached_property, lru_cache
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -21,6 +21,8 @@ PADDING = 3.0  # thicknesses around an image, beyond which the layer hardly move
 ALIASES = 2  # wavenumbers beyond the grid's that are summed, each way: pressures have edges at those of pixels
 TOLERANCE = 1e-3  # of gaps and penetration, in units of the approach
 ITERATIONS = 1000
+MARGIN = 2  # pixels around where a contact is expected, in which it is solved at first
+Axes = tuple[int, ...]
 _SERIES = 0.1  # below it sinh y - y is summed by its series: the difference has no digits left
 
 
@@ -80,7 +82,7 @@ def response(wavenumber: np.ndarray, layer: Layer) -> Response:
 
 
 class Face:
-    """The responses of a layer's face on a grid of pixels, each computed once; `face` keeps those of the last grids."""
+    """How a layer's face moves on a grid of pixels; `face` keeps those of the last grids."""
 
     def __init__(
         self,
@@ -91,122 +93,96 @@ class Face:
         padding: float = PADDING,
     ):
         """shape: rows and columns; pixel: edges along rows' and columns' direction, m. padding: thicknesses around."""
-        self.layer, self.shape, self.pixel, self.dtype = layer, shape, pixel, np.dtype(dtype)
+        self.layer, self.shape, self.pixel, self.dtype = layer, shape, pixel, dtype
         more = (int(np.ceil(n + padding * layer.thickness / edge)) for n, edge in zip(shape, pixel, strict=True))
         self.padded = tuple(fft.next_fast_len(n, real=True) for n in more)
-
-    def _kernel(self, parts: Callable[[Response, np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-        """What `parts` makes of the response and the unit vector (y, z) of each wavenumber of the grid. Multiplied by
-        squares of sincs, since tractions are constant on pixels and displacements means over them."""
-        steps = [2 * np.pi / edge for edge in self.pixel]
-        rows = np.fft.fftfreq(self.padded[0])[:, None] * steps[0]
-        columns = np.fft.rfftfreq(self.padded[1])[None] * steps[1]
-        total: np.ndarray = np.zeros(1)
-        for order_z, order_y in product(range(-ALIASES, ALIASES + 1), repeat=2):
-            z, y = rows + order_z * steps[0], columns + order_y * steps[1]
-            wavenumber = np.hypot(y, z)
-            mean = np.sinc(z / steps[0]) ** 2 * np.sinc(y / steps[1]) ** 2
-            unit = np.maximum(wavenumber, 1e-30)
-            total = total + mean * parts(response(wavenumber, self.layer), y / unit, z / unit)
-        return total
+        self._kernel = lru_cache(maxsize=64)(self._spectra)
 
     @cached_property
-    def _normal(self) -> np.ndarray:
-        return self._kernel(lambda found, y, z: found.normal).astype(self.dtype)
-
-    @cached_property
-    def _spread(self) -> np.ndarray:
-        """(2, ...) of y and z, each odd along its axis, so that nothing is left at the grid's largest wavenumber."""
-        kernel = self._kernel(lambda found, y, z: found.spread * np.stack([y, z]))
+    def _around(self) -> np.ndarray:
+        """(3, 3, R, C) m / Pa around one pixel: along y, z and into the gel, by tractions likewise. In wavenumbers
+        responses times squares of sincs, since tractions are constant on pixels and displacements means over them."""
+        total: Any = 0
+        for order in product(range(-ALIASES, ALIASES + 1), repeat=2):
+            cycles = np.fft.fftfreq(self.padded[0])[:, None] + order[0], np.fft.rfftfreq(self.padded[1]) + order[1]
+            z, y = (2 * np.pi * n / edge for n, edge in zip(cycles, self.pixel, strict=True))
+            wavenumber, mean = np.hypot(y, z), np.sinc(cycles[0]) ** 2 * np.sinc(cycles[1]) ** 2
+            found, y, z = response(wavenumber, self.layer), *(k / np.maximum(wavenumber, 1e-30) for k in (y, z))
+            more, nothing = found.along - found.across, 0 * wavenumber  # more is 0 at 0, where no direction is meant
+            motions = [
+                [found.across + more * y * y, more * y * z, -1j * found.spread * y],
+                [more * y * z, found.across + more * z * z, -1j * found.spread * z],
+                [nothing, nothing, found.normal],
+            ]
+            total = total + mean * np.array(motions)
+        # By pressure sideways they are odd along their axes, so that nothing is left at the grid's largest wavenumber.
         if self.padded[0] % 2 == 0:
-            kernel[1, self.padded[0] // 2] = 0
+            total[1, 2, self.padded[0] // 2] = 0
         if self.padded[1] % 2 == 0:
-            kernel[0, :, -1] = 0
-        return (-1j * kernel).astype(np.result_type(self.dtype, np.complex64))
+            total[0, 2, :, -1] = 0
+        return fft.irfft2(total, self.padded).astype(self.dtype)
 
-    @cached_property
-    def _shear(self) -> np.ndarray:
-        """(3, ...) y by y, y by z (or z by y), z by z."""
+    def _spectra(self, axes: tuple[Axes, Axes], shape: tuple[int, int]) -> tuple[list[int], np.ndarray]:
+        """Size of transforms, and spectra (i, j, ...) of motions by tractions, for blocks of pixels of a shape."""
+        size = [min(fft.next_fast_len(2 * n - 1, real=True), most) for n, most in zip(shape, self.padded, strict=True)]
+        places = (np.rint(np.fft.fftfreq(n, 1 / n)).astype(int) for n in size)
+        return size, fft.rfft2(self._around[np.ix_(*map(np.asarray, (*axes, *places)))])
 
-        def parts(found: Response, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-            more = found.along - found.across  # 0 at 0, where no direction is meant
-            return np.stack([found.across + more * y * y, more * y * z, found.across + more * z * z])
-
-        return self._kernel(parts).astype(self.dtype)
-
-    def _transform(self, image: np.ndarray) -> np.ndarray:
-        """The spectrum (..., rows, columns / 2 + 1); as `rfft2`, without the transforms of rows of zeros."""
-        return fft.fft(fft.rfft(image, self.padded[1], axis=-1), self.padded[0], axis=-2)
-
-    def _image(self, spectrum: np.ndarray) -> np.ndarray:
-        rows = fft.ifft(spectrum, axis=-2)[..., : self.shape[0], :]
-        return fft.irfft(rows, self.padded[1], axis=-1)[..., : self.shape[1]]
-
-    def indentation(self, pressure: np.ndarray) -> np.ndarray:
-        """(r, c) m into the gel by pressures (r, c) Pa."""
-        return self._image(self._normal * self._transform(pressure))
-
-    def spread(self, pressure: np.ndarray) -> np.ndarray:
-        """(r, c, 2) m sideways by pressures (r, c) Pa."""
-        return np.moveaxis(self._image(self._spread * self._transform(pressure)), 0, -1)
-
-    def shear(self, traction: np.ndarray) -> np.ndarray:
-        """(r, c, 2) m sideways by sideways tractions (r, c, 2) Pa."""
-        y, z = self._transform(np.moveaxis(traction, -1, 0))
-        yy, yz, zz = self._shear
-        return np.moveaxis(self._image(np.stack([yy * y + yz * z, yz * y + zz * z])), 0, -1)
+    def moved(self, tractions: np.ndarray, motions: Axes = (0, 1, 2), by: Axes = (2,)) -> np.ndarray:
+        """Motions (i, r, c), m, of a block of pixels by tractions (j, r, c), Pa, on it. Axes: along y, z, into the gel.
+        As long transforms as the block needs: those of a small one are the whole face's, to rounding."""
+        rows, columns = tractions.shape[1:]
+        size, kernel = self._kernel((motions, by), (rows, columns))
+        spectrum = fft.fft(fft.rfft(tractions, size[1]), size[0], axis=-2)
+        spectrum = fft.ifft(np.einsum("ij...,j...->i...", kernel, spectrum), axis=-2)[:, :rows]  # others are not needed
+        return fft.irfft(spectrum, size[1])[..., :columns]
 
 
-face = lru_cache(maxsize=8)(Face)
+face = lru_cache(maxsize=4)(Face)
 
 
 def contact(
     moved: Callable[[np.ndarray], np.ndarray],
     gap: np.ndarray,
-    total: float | None,
     start: np.ndarray,
-    tolerance: float,
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Pressures p >= 0 (r, c) with gaps moved(p) + gap - approach >= 0, one of the two 0 at each pixel; also moved(p),
-    and the approach.
+    total: float | None = None,
+    approach: float = 0.0,
+    tolerance: float = TOLERANCE,
+) -> tuple[np.ndarray, float]:
+    """Pressures p >= 0 (r, c) with gaps moved(p) + gap - approach >= 0, one of the two 0 at each pixel; and the
+    approach, m.
 
     Conjugate gradients of Polonsky and Keer (1999, Wear 231). moved: the face's motion by pressures, linear, symmetric
-    and positive. gap: (r, c) before it, inf where there is no surface. total: of the pressures, which decides the
-    approach; None: the approach is 0. start: (r, c) pressures to begin with, positive somewhere.
+    and positive. gap: (r, c) before it, inf where there is no surface. start: (r, c) pressures to begin with, positive
+    somewhere. total: of the pressures, which decides the approach; None: it is `approach`.
 
     The stop test has two parts, both in units of the approach: the deepest penetration, and the mean gap in contact,
     weighted by pressure. A contact of one pixel meets the second at once. Raises NotConverged.
     """
-    allowed = np.isfinite(gap)
-    gap, tiny = np.where(allowed, gap, 0), float(np.finfo(float).tiny)
-    pressure, way, before, approach = start, np.zeros_like(start), 0.0, 0.0
+    pressure, way, before, tiny = start, np.zeros_like(start), 0.0, float(np.finfo(float).tiny)
     move = moved(pressure)
     for _ in range(ITERATIONS):
         touching = pressure > 0
         distance = move + gap
         if total is not None:
             approach = float(distance[touching].mean())
-            distance = distance - approach
-        inside = distance * touching
-        deepest = -float(distance[allowed].min())
-        weighted = float((pressure * np.abs(inside)).sum()) / max(float(pressure.sum()), tiny)
-        if max(deepest, weighted) <= tolerance * max(float((move * touching).max()), tiny):
-            return pressure, move, approach
-        outside = allowed & ~touching & (distance < 0)
-        square = float((inside**2).sum())
+        distance -= approach
+        inside = np.where(touching, distance, 0)
+        off = float(np.vdot(pressure, np.abs(inside))) / max(float(pressure.sum()), tiny)
+        if max(-distance.min(), off) <= tolerance * max(float((move * touching).max()), tiny):
+            return pressure, approach
+        square = float(np.vdot(inside, inside))
         way = inside + (square / before if before else 0.0) * way * touching
         answer = moved(way)
-        work = float((answer * way).sum())
+        work = float(np.vdot(answer, way))
         if total is not None:
             work -= float(answer[touching].mean()) * float(way.sum())
-        # A contact of one pixel has no direction: its neighbours are pressed by what would close the gap alone.
         if work > 0:
-            step = float((inside * way).sum()) / work
-        else:
-            one = np.zeros(touching.shape)
-            one.flat[np.argmax(touching)] = 1
-            step = 1 / float(moved(one).flat[np.argmax(touching)])
-        stepped = pressure - step * way
+            step = float(np.vdot(inside, way)) / work
+        else:  # a contact of one pixel has no direction: others are pressed by what would close the gap alone
+            one = np.arange(way.size).reshape(way.shape) == np.argmax(touching)
+            step = 1 / float(moved(one.astype(way.dtype))[one][0])
+        stepped, outside = pressure - step * way, ~touching & (distance < 0)
         pressure = np.maximum(stepped, 0)
         pressure[outside] -= step * distance[outside]
         before = 0.0 if outside.any() else square
@@ -214,7 +190,45 @@ def contact(
         changed = outside.any() or (stepped < 0).any()  # else the motion follows without another transform
         pressure *= scale
         move = moved(pressure) if changed else scale * (move - step * answer)
-    raise NotConverged(f"the contact did not settle in {ITERATIONS} iterations: {deepest:g} m of penetration are left")
+    raise NotConverged(f"the contact did not settle in {ITERATIONS} iterations: it penetrates by {-distance.min():g} m")
+
+
+def indent(
+    gel: Face, gap: np.ndarray, force: float | None = None, depth: float = 0.0, tolerance: float = TOLERANCE
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Pressures (r, c) Pa under a rigid surface, the motion of the face as `Face.moved`, and the approach, m.
+
+    gap: (r, c) m before the face, 0 at the first touch, inf where there is no surface. force: N, which decides the
+    approach; None: it is `depth`, more than the least gap. Raises NotConverged.
+    """
+    area, total = float(np.prod(gel.pixel)), None
+    # To begin with: springs, as stiff as the layer is for a wavelength of the contact's size.
+    if force is not None:
+        total, order = force / area, np.sort(gap[np.isfinite(gap)])
+        count = np.unique(np.geomspace(1, len(order), 200).astype(int))
+        stiffness, below = 1 / response(np.pi / np.sqrt(count * area), gel.layer).normal, np.cumsum(order)[count - 1]
+        last = int(np.flatnonzero(stiffness * (count * order[count - 1] - below) < total)[-1])
+        depth = (total / stiffness[last] + below[last]) / count[last]
+    pressure = np.maximum(depth - gap, 0)
+    pressure /= response(np.pi / np.sqrt(np.count_nonzero(pressure) * area), gel.layer).normal
+    if total is not None:
+        pressure *= total / pressure.sum()
+    touching = pressure > 0
+    while True:  # in a block of pixels around the contact, until nothing beside it penetrates
+        places = [np.flatnonzero(touching.any(axis=axis)) for axis in (1, 0)]
+        block = tuple(slice(max(at[0] - MARGIN, 0), at[-1] + 1 + MARGIN) for at in places)
+        start = pressure[block]
+        pressed, approach = contact(
+            lambda image: gel.moved(image[None], (2,))[0], gap[block], start, total, depth, tolerance
+        )
+        pressure = np.zeros_like(pressure)
+        pressure[block] = pressed
+        motion = gel.moved(pressure[None])
+        beside = approach - gap - motion[2] > tolerance * motion[2].max()
+        beside[block] = False
+        if not beside.any():
+            return pressure, motion, approach
+        touching = (pressure > 0) | beside
 
 
 def press(
@@ -239,42 +253,32 @@ def press(
     NotConverged if the solver does not end.
     """
     surface = np.asarray(surface, dtype=dtype)
-    allowed = np.isfinite(surface)
-    if not (surface > -np.inf).all() or not allowed.any():
+    lowest = surface.min()
+    if not np.isfinite(lowest):
         raise ValueError("expected heights in metres, somewhere finite, +inf where nothing is; got none, NaN or -inf")
     if not (layer.thickness > 0 and layer.shear_modulus > 0 and 0 <= layer.poisson <= 0.5):
         raise ValueError(f"{layer}: expected thickness and shear modulus above 0, Poisson's ratio of 0 to 0.5")
     if not 0 < force < np.inf:
         raise ValueError(f"a force of {force} N: expected a positive number")
-    gel, area = face(layer, surface.shape, tuple(pixel), dtype), pixel[0] * pixel[1]
-    gap = surface - surface[allowed].min()
-    # To begin with: springs, as stiff as the layer is for a wavelength of the contact's size.
-    order = np.sort(gap[allowed], axis=None)
-    count, below = np.arange(1, len(order) + 1), np.cumsum(order)
-    stiffness = 1 / response(np.pi / np.sqrt(count * area), layer).normal
-    last = int(np.flatnonzero(stiffness * (count * order - below) < force / area)[-1])
-    start = np.maximum((force / area / stiffness[last] + below[last]) / count[last] - gap, 0)  # also where gap is inf
-    start = start * (force / area / start.sum())
-    pressure, indentation, approach = contact(gel.indentation, gap, force / area, start, tolerance)
-    displacement = gel.spread(pressure)
-    traction: np.ndarray = np.zeros((*surface.shape, 2), dtype)
+    gel = face(layer, surface.shape, tuple(pixel), dtype)
+    pressure, motion, approach = indent(gel, surface - lowest, force, tolerance=tolerance)
+    displacement, traction = motion[:2], np.zeros_like(motion[:2])
     if np.any(slide) or twist:
         # Coulomb friction, by a second solve of the same form (Ciavarella's and Jaeger's theorem): full slip, less a
         # correction q >= 0 that is 0 where the face slips. Tractions lie along the imposed motion at each pixel.
-        rows, columns = (np.arange(n) * edge for n, edge in zip(gel.shape, gel.pixel, strict=True))
-        z = rows[:, None] - (pressure.sum(axis=1) @ rows) / pressure.sum()
-        y = columns[None] - (pressure.sum(axis=0) @ columns) / pressure.sum()
-        to_y, to_z = np.asarray(slide, dtype)
-        imposed = np.stack(np.broadcast_arrays(to_y - twist * z, to_z + twist * y), axis=-1)
-        length = np.linalg.norm(imposed, axis=-1)
-        along = imposed / np.maximum(length, np.finfo(float).tiny)[..., None]
+        places = (np.arange(n) * edge for n, edge in zip(gel.shape, gel.pixel, strict=True))
+        z, y = (at - np.average(at, weights=pressure.sum(axis=1 - axis)) for axis, at in enumerate(places))
+        imposed = np.stack(np.broadcast_arrays(slide[0] - twist * z[:, None], slide[1] + twist * y))
+        length = np.linalg.norm(imposed, axis=0)
+        along = imposed / np.maximum(length, np.finfo(float).tiny)
 
         def moved(traction: np.ndarray) -> np.ndarray:
-            return (gel.shear(traction[..., None] * along) * along).sum(axis=-1)
+            return (gel.moved(traction * along, (0, 1), (0, 1)) * along).sum(axis=0)
 
         slipping = friction * pressure
         gap = np.where(pressure > 0, length - moved(slipping), np.inf)
-        correction = contact(moved, gap, None, slipping, tolerance)[0] if friction > 0 else slipping
-        traction = (slipping - np.minimum(correction, slipping))[..., None] * along
-        displacement = displacement + gel.shear(traction)
-    return Pressed(indentation, pressure, displacement, traction, force, approach, approach / layer.thickness)
+        correction = contact(moved, gap, slipping, tolerance=tolerance)[0] if friction > 0 else slipping
+        traction = (slipping - np.minimum(correction, slipping)) * along
+        displacement = displacement + gel.moved(traction, (0, 1), (0, 1))
+    displacement, traction = (np.moveaxis(vectors, 0, -1) for vectors in (displacement, traction))
+    return Pressed(motion[2], pressure, displacement, traction, force, approach, approach / layer.thickness)

@@ -19,10 +19,6 @@ ATTEMPTS = 10  # random surface points for each press that is asked for
 CLEARANCE = 0.05  # m behind the sensor plane that the sensor's way is free, chosen: the length of a sensor's body
 _OFFSET = 1e-5  # m off the surface that rays start, far above their rounding
 
-# Reasons for which a point gives no press.
-BLOCKED = "no free way out along the sensor's axis"
-UNSETTLED = "the contact did not settle"
-
 
 def press_object(
     mesh: Geometry,
@@ -43,9 +39,9 @@ def press_object(
     direction and twists by `twist` on the gel, with that coefficient of friction. The same generator gives the same
     presses; of a greater count these are the first.
 
-    Returns the arrays of the press store in the object's frame, and how many points gave no press, by reason. Poses and
-    depths are those at which the gel first touches the undeformed surface. Raises UnusableObject if `ATTEMPTS` points a
-    press don't give enough of them; ConfigError for a sensor whose gel can't be pressed.
+    Returns the arrays of the press store in the object's frame, at the first touch, and how many points gave no press,
+    by reason. Raises UnusableObject if `ATTEMPTS` points a press don't give enough; ConfigError for a gel that can't be
+    pressed.
     """
     import igl
 
@@ -70,7 +66,7 @@ def press_object(
         if len(presses) == count:
             break
         if not is_free:
-            discarded[BLOCKED] += 1
+            discarded["no free way out along the sensor's axis"] += 1
             continue
         origin = point - start * rotation[:, 0]
         depth = caster.trace(origin[None], rotation[None])[0].astype(float)
@@ -84,7 +80,7 @@ def press_object(
         try:
             readings = [press_sensor(depth, sensor, force, tuple(slip), twist, friction) for force in forces]
         except NotConverged:
-            discarded[UNSETTLED] += 1
+            discarded["the contact did not settle"] += 1
             continue
         if max(reading["strain"] for reading in readings) > 1:
             discarded["a force would press it through the gel"] += 1
@@ -108,13 +104,13 @@ def ways_out(rays: RayMesh, starts: np.ndarray) -> np.ndarray:
 def _sensor_axes(normals: np.ndarray, draws: np.ndarray, tilt: float) -> np.ndarray:
     """Rotations (n, 3, 3) of sensors whose x points into the surface with these normals (n, 3), uniformly within `tilt`
     of them; draws: (n, 3) random numbers between 0 and 1."""
-    turn, away, around = draws.T
+    turn, away, around = (draws * [2 * np.pi, 1, 2 * np.pi]).T[..., None]
     first, second = np.moveaxis(tangents(normals), -2, 0)
-    cosine = (1 - away * (1 - np.cos(tilt)))[:, None]
-    x = np.sqrt(1 - cosine**2) * _turned(first, second, around) - cosine * normals
+    cosine = 1 - away * (1 - np.cos(tilt))
+    x = np.sqrt(1 - cosine**2) * (np.cos(around) * first + np.sin(around) * second) - cosine * normals
     across = np.cross(x, first)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    y = _turned(np.cross(across, x), across, turn)
+    y = np.cos(turn) * np.cross(across, x) + np.sin(turn) * across
     return np.stack([x, y, np.cross(x, y)], axis=2)
 
 
@@ -123,9 +119,3 @@ def tangents(normals: np.ndarray) -> np.ndarray:
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack([first, np.cross(normals, first)], axis=-2)
-
-
-def _turned(first: np.ndarray, second: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Unit vectors (n, 3) in the planes of two (n, 3), by shares (n,) of a turn from the first."""
-    angle = 2 * np.pi * turn[:, None]
-    return np.cos(angle) * first + np.sin(angle) * second

@@ -112,21 +112,20 @@ def press_sensor(
     from palpate.touch.gel import Layer, press
 
     layer, nothing = Layer(**sensor.require_material()), np.zeros((*sensor.resolution, 2))
-    images, numbers = [nothing[..., 0], nothing[..., 0], nothing], [0.0, 0.0, 0.0, 0.0]
+    indentation, pressure, displacement, numbers = nothing[..., 0], nothing[..., 0], nothing, np.zeros(4)
     if force > 0 and np.isfinite(depth).any():
         surface = depth.astype(np.float64) + face_sensor(sensor).face_sag
         pressed = press(surface, sensor.pixel, layer, force, slide, twist, friction)
         window, outside = face_window(sensor), pressed.pressure.copy()
         outside[window] = 0
-        images = [image[window] for image in pressed[:3]]
+        indentation, pressure, displacement = (image[window] for image in pressed[:3])
         inside = 1 - outside.sum() / pressed.pressure.sum()
-        numbers = [force, pressed.approach, inside, pressed.strain]
-    arrays: dict[str, Any] = {"reading": shade_pressed(images[0], sensor, images[2])}
-    for name, image in zip(("indentation", "pressure", "displacement"), images, strict=True):
-        arrays[name] = image.astype(np.float32)
-    if sensor.markers:
-        arrays["markers"] = markers(images[2], sensor)
-    return arrays | dict(zip(("force", "approach", "inside", "strain"), map(np.float64, numbers), strict=True))
+        numbers = np.array([force, pressed.approach, inside, pressed.strain])
+    images = {"indentation": indentation, "pressure": pressure, "displacement": displacement}
+    arrays = {name: image.astype(np.float32) for name, image in images.items()}
+    arrays |= {"reading": shade_pressed(indentation, sensor, displacement)}
+    arrays |= {"markers": markers(displacement, sensor)} if sensor.markers else {}
+    return arrays | dict(zip(("force", "approach", "inside", "strain"), numbers, strict=True))
 
 
 def stacked(rows: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.sensor import load
-from palpate.touch.gel import TOLERANCE, Face, Layer, contact
+from palpate.touch.gel import TOLERANCE, Face, Layer, indent
 from palpate.touch.shading import smoothed
 from studies import finite_elements
 from studies.error_vs_runtime.study import Method, Study, variants
@@ -63,12 +63,10 @@ class Elastic:
 
     def __call__(self, case: Case) -> Result:
         y, z, r = radii(self.pixels)
-        gap = (case.profile(r)[0] - case.depth).astype(self.dtype)
-        start = np.maximum(-gap, 0) * self.dtype(LAYER.shear_modulus / LAYER.thickness)
-        pressure, indentation, _ = contact(self.face.indentation, gap, None, start, self.tolerance)
-        moved = self.face.spread(pressure)
+        gap = case.profile(r)[0].astype(self.dtype)
+        pressure, (*moved, indentation), _ = indent(self.face, gap, depth=case.depth, tolerance=self.tolerance)
         force = float(pressure.sum(dtype=float)) * (WIDTH / self.pixels) ** 2
-        return Result(indentation, force, (moved[..., 0] * y + moved[..., 1] * z) / r)
+        return Result(indentation, force, (moved[0] * y + moved[1] * z) / r)
 
 
 def filtered(case: Case, sensor) -> Result:

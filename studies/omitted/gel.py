@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.touch.gel import Layer, Pressed, press
+from palpate.touch.gel import Face, Layer, Pressed, indent, press
 from studies import finite_elements
 from studies.error_vs_runtime.gel import LAYER, PIXELS, WIDTH, radii
 from studies.omitted.omission import NOT_MODELLED, STAYS, Omission
@@ -33,13 +33,9 @@ def by_finite_elements(depth: float, width: float = 5.0) -> np.ndarray:
 
 
 def by_layer(depth: float) -> np.ndarray:
-    """The same by the library's layer, whose force is found by bisection."""
-    low, high = 0.0, 50.0
-    for _ in range(30):
-        force = (low + high) / 2
-        pressed = press(BALL, EDGE, LAYER, force)
-        low, high = (force, high) if pressed.approach < depth else (low, force)
-    return pressed.indentation
+    """The same by the library's layer."""
+    _, (*_, face), _ = indent(Face(LAYER, BALL.shape, EDGE), BALL, depth=depth)
+    return face
 
 
 def sideways(slide: float, friction: float = 0.8) -> Pressed:

@@ -31,3 +31,12 @@ def test_hertz_on_a_thick_gel():
     stiffness = 2 * MODULUS / (1 - 0.4)
     assert_allclose(pressed.force, 4 / 3 * stiffness * np.sqrt(radius) * depth**1.5, rtol=0.03)
     assert abs(pressed.indentation[-1]) < 0.02 * depth and pressed.indentation[0] <= depth * 1.01
+
+
+def test_a_body_is_hardly_in_the_gel():
+    """Also at 0.4 of the thickness, where the pressure is a few shear moduli."""
+    gel, profile = Gel(0.004, 145e3, 0.48, fine=0.003, columns=32, rows=8), ball(0.003)
+    pressed = gel.press(profile, 1.6e-3)
+    inside = pressed.indentation - (1.6e-3 - profile(pressed.radius + pressed.sideways)[0])
+    touching = pressed.radius + pressed.sideways < 2e-3
+    assert_allclose(inside[touching], 0, atol=2e-6)

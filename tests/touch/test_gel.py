@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from palpate.configuration import ConfigError
 from palpate.sensor import load
 from palpate.touch import RayCaster, empty_reading, face_sensor, press_sensor, press_sensors, sense, shade_pressed
-from palpate.touch.gel import Face, Layer, NotConverged, contact, face, press, response
+from palpate.touch.gel import Face, Layer, NotConverged, contact, face, indent, press, response
 
 PIXEL, MODULUS = 1e-4, 1e5  # m, Pa
 GEL = Layer(2e-3, MODULUS, 0.48)
@@ -133,7 +133,7 @@ def test_confined_compression_is_exact():
     layer, pressure = Layer(2e-3, MODULUS, 0.3), 1e4
     gel = Face(layer, (30, 20), (PIXEL, PIXEL), padding=0)
     gel.padded = (30, 20)  # without a margin the layer is loaded everywhere
-    moved = gel.indentation(np.full((30, 20), pressure))
+    moved = gel.moved(np.full((1, 30, 20), pressure))[2]
     assert_allclose(moved, pressure * layer.thickness * (1 - 0.6) / (2 * MODULUS * 0.7), rtol=1e-12)
 
 
@@ -209,9 +209,34 @@ def test_reciprocity():
     """Work of one load on the motion by another, both ways; pressures and sideways tractions (Betti)."""
     rng, gel = np.random.default_rng(0), Face(GEL, (24, 33), (PIXEL, 1.3 * PIXEL))
     p, q = rng.random((2, 24, 33))
-    s, t = rng.normal(size=(2, 24, 33, 2))
-    assert_allclose((p * gel.indentation(q)).sum(), (q * gel.indentation(p)).sum(), rtol=1e-12)
-    assert_allclose((s * gel.shear(t)).sum(), (t * gel.shear(s)).sum(), rtol=1e-11)
+    s, t = rng.normal(size=(2, 2, 24, 33))
+    assert_allclose((p * gel.moved(q[None])[2]).sum(), (q * gel.moved(p[None])[2]).sum(), rtol=1e-12)
+    assert_allclose((s * gel.moved(t, (0, 1), (0, 1))).sum(), (t * gel.moved(s, (0, 1), (0, 1))).sum(), rtol=1e-11)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 9), (24, 4), (24, 33)])
+def test_a_block_moves_as_the_whole_face_does(shape):
+    """To rounding, also where twice its size exceeds the padded face."""
+    gel, pressure = Face(GEL, (24, 33), (PIXEL, 1.3 * PIXEL)), np.zeros((24, 33))
+    block = tuple(slice(n - m, n) for n, m in zip((24, 33), shape, strict=True))
+    pressure[block] = np.random.default_rng(0).random(shape)
+    few, all_of_it = gel.moved(pressure[None][:, *block]), gel.moved(pressure[None])[:, *block]
+    assert_allclose(few, all_of_it, atol=1e-12 * all_of_it.max())
+
+
+def test_a_block_grows_to_all_that_touches():
+    """Of two balls, the smaller one's tip a little behind the other's: it touches since the first one goes in."""
+    y, z = grid(60)
+    near, far = ((y - at) ** 2 + z**2 for at in (-2e-3, 2e-3))
+    surface = np.minimum(near / 4e-3, far / 4e-3 + 1.5e-4)
+    gel = face(GEL, surface.shape, (PIXEL, PIXEL))
+    for force in (0.01, 0.1, 0.3, 1.0):
+        pressure, (*_, moved), approach = indent(gel, surface, force, tolerance=1e-5)
+        gap = moved + surface - approach
+        assert gap.min() >= -1e-5 * moved.max() and abs(total(pressure) / force - 1) < 1e-12
+        again, _, depth = indent(gel, surface, depth=approach, tolerance=1e-5)
+        assert_allclose(again, pressure, atol=1e-3 * pressure.max())
+        assert depth == approach
 
 
 def test_response_to_one_pixel_is_a_sum_over_wavenumbers():
@@ -220,7 +245,7 @@ def test_response_to_one_pixel_is_a_sum_over_wavenumbers():
     pressure[3, 5] = 1
     gel = Face(layer, (n, n), (PIXEL, PIXEL), padding=0)
     gel.padded = (n, n)
-    moved, spread = gel.indentation(pressure), gel.spread(pressure)
+    spread, _, moved = gel.moved(pressure[None])
     for reach, tolerance in ((2.5, 1e-10), (20, 0.01)):
         orders = np.arange(-reach * n, reach * n + 1)
         k, weight = orders * 2 * np.pi / (n * PIXEL), np.sinc(orders / n) ** 2
@@ -233,7 +258,7 @@ def test_response_to_one_pixel_is_a_sum_over_wavenumbers():
             wave = weight * np.exp(1j * PIXEL * (k[:, None] * (row - 3) + k * (column - 5))) / n**2
             assert_allclose(moved[row, column], (of_wave.normal * wave).sum().real, atol=tolerance * moved.max())
             expected = (-1j * sideways * wave).sum().real
-            assert_allclose(spread[row, column, 0], expected, atol=tolerance * np.abs(spread).max())
+            assert_allclose(spread[row, column], expected, atol=tolerance * np.abs(spread).max())
 
 
 RADIUS, CONTACT, FRICTION, COMPRESSIBLE = 5e-3, 1e-3, 0.5, 0.4  # m, m; of Hertz's contact on a thick gel
@@ -270,7 +295,8 @@ def test_friction_obeys_coulomb_and_sticks_where_it_does_not_slip():
     pressed = press(surface, (PIXEL, PIXEL), GEL, 0.5, slide, friction=0.6, tolerance=1e-4)
     size, limit = np.linalg.norm(pressed.traction, axis=-1), 0.6 * pressed.pressure
     assert (size <= limit * (1 + 1e-9) + 1e-9).all()
-    moved = face(GEL, surface.shape, (PIXEL, PIXEL)).shear(pressed.traction) @ slide / np.linalg.norm(slide)
+    moved = face(GEL, surface.shape, (PIXEL, PIXEL)).moved(np.moveaxis(pressed.traction, -1, 0), (0, 1), (0, 1))
+    moved = np.moveaxis(moved, 0, -1) @ slide / np.linalg.norm(slide)
     sticks = size < limit * (1 - 1e-6)
     assert sticks.any() and (limit[~sticks] > 0).any()
     assert_allclose(moved[sticks], np.linalg.norm(slide), rtol=0.02)
@@ -307,7 +333,7 @@ def test_refuses_what_it_cannot_press(change, message):
 
 def test_says_if_it_does_not_converge():
     with pytest.raises(NotConverged, match="did not settle"):
-        contact(lambda p: p, np.linspace(0, 1, 16).reshape(4, 4), 1.0, np.full((4, 4), 1 / 16), tolerance=-1.0)
+        contact(lambda p: p, np.linspace(0, 1, 16).reshape(4, 4), np.full((4, 4), 1 / 16), 1.0, tolerance=-1.0)
 
 
 @pytest.fixture(scope="module")
