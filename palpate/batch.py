@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tqdm import tqdm
 
 from palpate.seal import DamagedFile
 from palpate.text_files import read_rows
@@ -107,8 +108,6 @@ def each_object(
     results by object, in order, and the rejections. The message of `UnusableObject` is the reason; any other
     exception's traceback goes to the log too, and memory is checked first (`require_memory`). Raises OSError,
     `palpate.seal.DamagedFile`, and MemoryError, also in an engine's words: they say nothing of the object."""
-    from tqdm import tqdm
-
     objects = list(objects)
     results, rejections = {}, []
     bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())
