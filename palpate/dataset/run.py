@@ -26,10 +26,10 @@ REMEMBERED_STORES = 1024
 class Run:
     """The files of one run, shared by a dataset, its views and its records. Stores are opened when they are read. Safe
     to pickle and to fork: nothing stays open, and what is remembered is small (names, array headers), of the catalogue
-    and of the `REMEMBERED_STORES` stores that were used last."""
+    and of the `REMEMBERED_STORES` stores that were used last. batch: the only one that it has; else the catalogue's."""
 
-    def __init__(self, folder: Path | str):
-        self.folder = Path(folder)
+    def __init__(self, folder: Path | str, batch: str | None = None):
+        self.folder, self._batch = Path(folder), batch
         self._stores: dict[tuple[str, str], Store] = {}
         self._read: dict[str, dict[Path, tuple[str, Seal]]] = {}  # of each batch: digests and seals of what was read
 
@@ -38,8 +38,9 @@ class Run:
 
     @cached_property
     def catalogue(self) -> dict[str, CatalogueEntry]:
-        """Rows of `catalogue.csv` by object, in its order. Raises CatalogueError if it is missing or broken."""
-        return {entry.object: entry for entry in read_catalogue(self.folder / "catalogue.csv")}
+        """Rows of the catalogue by object, in its order. Raises CatalogueError if it is missing or broken."""
+        name = f"catalogue/{self._batch}.csv" if self._batch else "catalogue.csv"
+        return {entry.object: entry for entry in read_catalogue(self.folder / name)}
 
     @cached_property
     def config(self) -> dict[str, Any]:

@@ -241,8 +241,8 @@ def validate_batch(
     max_penetration: metres, by which the run's grasps were accepted. stages: whose stores are checked, by default those
     of the run's dataset; one that is missing fails. others: whether files of further stores are compared as well. Needs
     `catalogue/<batch>.csv` and the meshes. What is wrong with a store or a mesh never raises: it is a finding."""
-    opened = Run(run)
-    stages = stages or opened.asked_stores
+    stages = stages or Run(run).asked_stores
+    opened = Run(run, batch)  # of all batches the catalogue may not be there yet
     checked = _Batch(opened, batch, stages, max_penetration)
     for stage in checked.stores:
         checked.check_objects(stage)

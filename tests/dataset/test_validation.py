@@ -13,6 +13,7 @@ import palpate.store
 from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.dataset.checks import CHECKS, rotation_error
+from palpate.dataset.run import Run
 from palpate.dataset.validation import (
     check_again,
     combine_validation,
@@ -412,6 +413,14 @@ def test_a_good_run_passes_every_check(run, pair):
     clouds = report[(report.check == "on mesh") & (report.store == "touch")].set_index("batch")
     assert clouds.objects.to_dict() == {BATCH: 1, PAIR: 2}
     assert (report["where"] == "").all()
+
+
+def test_a_batch_is_validated_before_there_is_a_catalogue_of_all(run):
+    stages = Run(run).asked_stores
+    found = validate_batch(run, PAIR, stages=stages, others=False)
+    assert found and all(finding.ok for finding in found)
+    (run / "catalogue.csv").unlink()
+    assert validate_batch(run, PAIR, stages=stages, others=False) == found
 
 
 def test_each_array_is_read_once(run, monkeypatch):
