@@ -158,10 +158,14 @@ class Reconstruction(nn.Module):
         | `start` | (1824, B, 3), what `templates` gives, if it is known | `template` |
 
         Raises ValueError if a key is missing, of another shape or type."""
-        positions, *from_sphere = self._predictions(batch)
+        number = self._check_shapes(batch)
+        if self.templates is not None and self.sphere_gcn is not None:
+            known = self.templates.known(batch)
+            found = self._predictions(batch, number, known)
+            positions = torch.where(known[:, None], found[0], found[-1])
+        else:
+            positions = self._predictions(batch, number)[0]
         if self.templates is not None:
-            if from_sphere:
-                positions = torch.where(self.templates.known(batch)[:, None], positions, *from_sphere)
             positions = smoothed(positions)
         if self.experiment.correction and self.experiment.touch:
             count, correction = len(self.start), self.experiment.correction
@@ -173,14 +177,19 @@ class Reconstruction(nn.Module):
             positions = torch.cat([positions, self._touch_charts(batch)[0]])
         return positions.transpose(0, 1).contiguous()
 
-    def _predictions(self, batch: Batch) -> list[Tensor]:
-        """Vertices (V, B, 3) as each graph network deforms them: those that begin as a sphere are the second."""
-        positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
+    def _predictions(self, batch: Batch, samples: int, known: Tensor | None = None) -> list[Tensor]:
+        """Vertices (V, B, 3) as each graph network deforms them: those that begin as a sphere are the second. known:
+        (B,) bool, the samples of which the first is wanted, of others the second; None: of all both. A network that
+        none wants is left out."""
+        sphere = self.start[:, None].expand(-1, samples, -1)
+        if known is not None and not known.any():
+            return [self.deform(self.input_products(batch), sphere, None, None, cast(GraphNetwork, self.sphere_gcn))]
+        positions, mask, fixed = self._initial(batch, samples)
         inputs = self.input_products(batch)
-        starts = [(self.gcn, positions)]
-        if self.sphere_gcn is not None:
-            starts.append((self.sphere_gcn, self.start[:, None].expand_as(positions)))
-        return [self.deform(inputs, start, mask, fixed, gcn) for gcn, start in starts]
+        found = [self.deform(inputs, positions, mask, fixed, self.gcn)]
+        if self.sphere_gcn is not None and (known is None or not known.all()):
+            found.append(self.deform(inputs, sphere, mask, fixed, self.sphere_gcn))
+        return found
 
     def _initial(self, batch: Batch, samples: int) -> tuple[Tensor, Tensor | None, Tensor | None]:
         """Initial vertices (V, B, 3); with touch charts in the graph their mask (V, B, 1), and which vertices are
@@ -221,7 +230,7 @@ class Reconstruction(nn.Module):
     def stages(self, batch: Batch) -> list[Tensor]:
         """What the loss of a training step looks at, (B, V, 3): what each graph network predicts of charts, neither
         smoothed nor corrected."""
-        return [positions.transpose(0, 1) for positions in self._predictions(batch)]
+        return [found.transpose(0, 1) for found in self._predictions(batch, self._check_shapes(batch))]
 
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
         """`reconstruction_loss` (B,) of the charts that move, the mean of all networks. Others give no gradient, and

@@ -315,6 +315,21 @@ def test_what_the_networks_move_is_the_start_or_a_sphere_where_no_template_is_li
     assert torch.equal(copied[given["success"]], given["charts"][given["success"]])
 
 
+def test_a_network_that_no_sample_wants_is_left_out_and_nothing_changes(monkeypatch):
+    """Samples one by one, of which each wants one network, against all at once, which want both."""
+    model, given = model_of(), batch(grasps=2)
+    called, deform = [], model.deform
+    monkeypatch.setattr(model, "deform", lambda *of: called.append(of[-1]) or deform(*of))
+    with torch.no_grad():
+        together, known = model(given), model.templates.known(given)
+        assert called == [model.gcn, model.sphere_gcn] and known.any() and not known.all()
+        for sample, is_known in enumerate(known):
+            called.clear()
+            alone = model({key: values[sample : sample + 1] for key, values in given.items()})
+            assert called == [model.gcn if is_known else model.sphere_gcn]
+            torch.testing.assert_close(alone[0], together[sample], atol=1e-5, rtol=0)
+
+
 def test_without_a_touch_vision_chooses_the_start_and_nothing_is_corrected():
     model, given = model_of(correction=Correction(0.08, 0.3), fewer_grasps=True), batch()
     none = given | {key: given[key][:, :0] for key in ("success", "position", "rotation", "charts")}
