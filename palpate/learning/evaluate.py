@@ -42,6 +42,7 @@ log = logging.getLogger(__name__)
 
 BATCH_SIZE = 8  # samples that a model predicts together
 POINTS = 10_000  # on a prediction, and on the truth (the published evaluation)
+Mesh = tuple[Tensor, Tensor]  # vertices (V, 3) m, world frame, and faces (F, 3), of points none
 
 
 class Trained(NamedTuple):
@@ -94,8 +95,7 @@ def evaluate(
     equal share of its batch's. Raises EvaluationError, naming the object, for a prediction that is not finite."""
     rows, last = [], None
     surface = topology(trained.experiment.plan.start)
-    for sample, prediction, seconds in predictions(trained, data, splits):
-        vertices, faces = trained.model.mesh(prediction)
+    for sample, (vertices, faces), seconds in predictions(trained, data, splits):
         if last != sample.object:
             cloud, last = torch.from_numpy(data["points"][sample.object]).to(trained.device), sample.object
             tree = build_tree(cloud)
@@ -113,7 +113,7 @@ def evaluate_rings(
     is nan for a ring without surface. dataset: the run's, with its stores of touch and rings."""
     rows, last = [], None
     touches: list[dict[int, list[np.ndarray]]] = []  # of each grasp, by sensor, the true points of the rings around it
-    for sample, prediction, _ in predictions(trained, data, splits):
+    for sample, mesh, _ in predictions(trained, data, splits):
         name = data.objects[sample.object]
         if last != name:
             last, touches = name, []
@@ -125,7 +125,7 @@ def evaluate_rings(
         numbers = sample.grasps or range(len(touches))
         chosen = [(number, sensor) for number in numbers for sensor in touches[number]]
         rings = [ring for number, sensor in chosen for ring in touches[number][sensor]]
-        distances = ring_distances(rings, points_on(*trained.model.mesh(prediction), points, name))
+        distances = ring_distances(rings, points_on(*mesh, points, name))
         places = ((*touch, ring) for touch in chosen for ring in RINGS)
         for (grasp, sensor, ring), in_ring, distance in zip(places, rings, distances, strict=True):
             ring_row = {"grasp": grasp, "sensor": sensor, "ring": ring, "points": len(in_ring), "distance": distance}
@@ -133,10 +133,8 @@ def evaluate_rings(
     return pd.DataFrame(rows, columns=RING_COLUMNS)
 
 
-def predictions(
-    trained: Trained, data: ExperimentData, splits: Sequence[str]
-) -> Iterator[tuple[Sample, Tensor, float]]:
-    """Each sample of some splits with its prediction, and the seconds it took. Raises EvaluationError if there is no
+def predictions(trained: Trained, data: ExperimentData, splits: Sequence[str]) -> Iterator[tuple[Sample, Mesh, float]]:
+    """Each sample of some splits with what is predicted, and the seconds it took. Raises EvaluationError if there is no
     object, and what `predict` raises; CheckpointError if the touches are of another sensor."""
     model, experiment = trained.model, trained.experiment
     samples = windows(data, experiment, *splits)
@@ -153,31 +151,31 @@ def predictions(
     done = 0
     for chosen in (group[at : at + BATCH_SIZE] for group in groups for at in range(0, len(group), BATCH_SIZE)):
         start = time.perf_counter()
-        vertices = predict(trained, assemble, chosen, data)
+        meshes = predict(trained, assemble, chosen, data)
         seconds = (time.perf_counter() - start) / len(chosen)
-        yield from ((sample, predicted, seconds) for sample, predicted in zip(chosen, vertices, strict=True))
+        yield from ((sample, mesh, seconds) for sample, mesh in zip(chosen, meshes, strict=True))
         bar.update(len(chosen))
         done += len(chosen)
         log.info("%s: %d of %d samples", label, done, len(samples))
     bar.close()
 
 
-def predict(trained: Trained, assemble: Assembler, chosen: Sequence[Sample], data: ExperimentData) -> Tensor:
-    """What a model predicts of samples that have as many grasps each, (B, V, 3) vertices. Raises EvaluationError,
-    naming the object, if a prediction is not finite."""
+def predict(trained: Trained, assemble: Assembler, chosen: Sequence[Sample], data: ExperimentData) -> list[Mesh]:
+    """What a model predicts of samples that have as many grasps each. Raises EvaluationError, naming the object, if a
+    prediction is not finite."""
     batch = assemble(chosen)
     one_image = len({(sample.object, sample.view) for sample in chosen}) == 1
     if trained.experiment.vision == "unoccluded" and one_image and "image" in batch:
         batch["image"] = batch["image"][:1].expand_as(batch["image"])  # encoded once
     with torch.inference_mode():
-        vertices = trained.model(batch).float()
+        meshes = trained.model.meshes(batch)
     if trained.device.type == "cuda":
         torch.cuda.synchronize()
-    for sample, predicted in zip(chosen, vertices, strict=True):
-        if not torch.isfinite(predicted).all():
+    for sample, (vertices, _) in zip(chosen, meshes, strict=True):
+        if not torch.isfinite(vertices).all():
             label, name = f"{trained.experiment.name} seed {trained.seed}", data.objects[sample.object]
             raise EvaluationError(f"{label}: the prediction for {name} is not finite; train it again")
-    return vertices
+    return meshes
 
 
 def points_on(vertices: Tensor, faces: Tensor, count: int, name: str) -> Tensor:

@@ -169,7 +169,7 @@ class Reconstructor:
         # As a training's, also in memory: convolutions round otherwise in another layout.
         batch |= {name: to_colours(batch[name]) for name in ("image", "reading") if name in batch}
         with torch.inference_mode():
-            vertices, faces = (values.cpu().numpy() for values in self._model.mesh(self._model(batch)[0]))
+            vertices, faces = (values.cpu().numpy() for values in self._model.meshes(batch)[0])
         if not np.isfinite(vertices).all():
             raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
         return self._shape(vertices, faces, success)

@@ -108,8 +108,8 @@ def _errors_of(
         new = list(dict.fromkeys(choice for choice in grasps if choice not in known))
         for part in (new[start : start + BATCH_SIZE] for start in range(0, len(new), BATCH_SIZE)):
             samples = [Sample(number, choice) for choice in part]
-            for choice, predicted in zip(part, predict(trained, assemble, samples, data), strict=True):
-                sampled = points_on(*trained.model.mesh(predicted), points, data.objects[number])
+            for choice, mesh in zip(part, predict(trained, assemble, samples, data), strict=True):
+                sampled = points_on(*mesh, points, data.objects[number])
                 known[choice] = score(sampled, cloud, tree).chamfer
         return [known[choice] for choice in grasps]
 

@@ -16,6 +16,7 @@ from palpate.experiments import Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork, initialise
+from palpate.models.hull import inside
 from palpate.models.kriging import displaced, touched_points
 from palpate.models.losses import Target, reconstruction_loss
 from palpate.models.pooling import map_products, pool, pool_products, relative_camera
@@ -238,9 +239,17 @@ class Reconstruction(nn.Module):
         faces = _below(self.moving_faces, stages[0].shape[1])
         return torch.stack([reconstruction_loss(vertices, faces, target) for vertices in stages]).mean(dim=0)
 
-    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and their faces."""
-        return prediction, _below(self.faces, len(prediction))
+    def meshes(self, batch: Batch) -> list[tuple[Tensor, Tensor]]:
+        """What `forward` predicts of each sample as a mesh: vertices (V, 3) float32, metres, world frame, and faces
+        (F, 3). Where the batch has a `mask`, vision charts are without the faces that it shows to be empty space."""
+        return [(vertices, self._shown(vertices, batch, n)) for n, vertices in enumerate(self(batch).float())]
+
+    def _shown(self, vertices: Tensor, batch: Batch, sample: int) -> Tensor:
+        faces = _below(self.faces, len(vertices))
+        if not self.experiment.takes_masks:
+            return faces
+        known = (faces >= len(self.start)).any(dim=1)  # touch charts
+        return faces[known | inside(vertices[faces], batch, sample)]
 
     def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Points (B, n, 3) on the meshes whose vertices `forward` predicts, uniform by area."""

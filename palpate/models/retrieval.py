@@ -11,6 +11,7 @@ from torch import Tensor
 
 from palpate.charts import build_tree
 from palpate.experiments import Correction
+from palpate.models.hull import inside
 from palpate.models.kriging import displaced, touched_points
 from palpate.sensor import DIGIT, Sensor
 
@@ -41,8 +42,12 @@ class Retrieval:
         samples = zip(fitting, touched_points(batch), strict=True)
         return torch.stack([displaced(points, None, touched, self.correction) for points, touched in samples])
 
-    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        return prediction, torch.empty(0, 3, dtype=torch.int64)
+    def meshes(self, batch: Mapping[str, Tensor]) -> list[tuple[Tensor, Tensor]]:
+        """The points of each sample, without those that its `mask` shows to be empty space; no faces."""
+        clouds, no_faces = list(self(batch)), torch.empty(0, 3, dtype=torch.int64)
+        if "mask" in batch:
+            clouds = [cloud[inside(cloud[:, None], batch, n)] for n, cloud in enumerate(clouds)]
+        return [(cloud, no_faces) for cloud in clouds]
 
 
 class Objects:

@@ -210,7 +210,7 @@ def test_rings_are_those_of_the_samples_own_touches(run, data):
     assert row["ring"] == 3 and row["points"] == len(points)
     predictions = {
         (data.objects[sample.object], sample.window): vertices
-        for sample, vertices, _ in evaluation.predictions(trained, data, ["test"])
+        for sample, (vertices, _), _ in evaluation.predictions(trained, data, ["test"])
     }
     draw = seeded(0, "ball-0003", "evaluation")
     predicted = sample_faces(predictions["ball-0003", 1][None], trained.model.faces, 500, draw)[0].numpy()

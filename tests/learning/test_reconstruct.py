@@ -133,7 +133,7 @@ def of_data(run, name, sample):
     model = checkpoints.load(folder_of(run, name) / "best.ckpt")
     with torch.inference_mode():
         batch = Assembler(ExperimentData.load(run, experiment), experiment)([sample])
-        vertices, faces = model.mesh(model(batch)[0])
+        vertices, faces = model.meshes(batch)[0]
         return vertices.numpy(), faces.numpy()
 
 

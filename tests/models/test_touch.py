@@ -165,8 +165,7 @@ def test_a_sample_with_fewer_grasps_has_fewer_charts_in_its_mesh():
     torch.manual_seed(0)
     model = Reconstruction(Experiment("model", "pooled", "none", True, 5), ARCHITECTURE).double()
     batch = random_batch(1, 2)
-    vertices = model(batch)
-    shown, faces = model.mesh(vertices[0])
+    vertices, ((shown, faces),) = model(batch), model.meshes(batch)
     assert len(shown) == 1824 + 8 * 81 and len(faces) == 2304 + 8 * 128
     assert faces.unique().tolist() == list(range(len(shown)))
     assert model.sample(vertices, 10, torch.Generator().manual_seed(0)).shape == (1, 10, 3)
