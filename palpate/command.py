@@ -111,7 +111,7 @@ def reconstruct(args: argparse.Namespace) -> int:
     check_format(args.output)
     path, record = named_model(args.run / "models", args.experiment, args.seed), Dataset(args.run)[args.object]
     model = Reconstructor(path, args.device)  # loads torch: after what can be wrong without it
-    mesh = model.predict(record, args.grasp, args.view).mesh()
+    mesh = model.predict(record, args.grasp, args.view, args.closed).mesh()
     with atomic_write(args.output) as partial:
         mesh.export(partial)
     print(f"{args.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")

@@ -84,20 +84,22 @@ def reconstruct(
     model: Path | str,
     camera: np.ndarray | None = None,
     silhouette: Silhouette | None = None,
+    closed: bool = False,
     device: str = "cpu",
 ) -> "trimesh.Trimesh":
     """The mesh that a trained model predicts from one image, from touches, or from both.
     image: (s, s, 3) uint8 sRGB, row 0 at the top; of (s, s, 4) the last channel is opacity. camera: (3, 4) the image's,
     from homogeneous world coordinates to pixels; models that were trained on several cameras, or on views, need it, the
     others take that of their training. silhouette: of the object in the image, which models of strategy `template`
-    need. touches: one grasp, or a sequence of as many as the model takes: grasp records of `palpate.Dataset`, or
-    `GraspTouches`. What the model does not take is ignored. model: its folder, `<run>/models/<experiment>/seed-<k>`, or
-    the checkpoint in it; a model that takes touch charts also reads the run's U-Net, `<run>/models/touch_depth`.
+    need; faces that it shows to be empty space are left out, unless `closed`. touches: one grasp, or a sequence of as
+    many as the model takes: grasp records of `palpate.Dataset`, or `GraspTouches`. What the model does not take is
+    ignored. model: its folder, `<run>/models/<experiment>/seed-<k>`, or the checkpoint in it; a model that takes touch
+    charts also reads the run's U-Net, `<run>/models/touch_depth`.
     Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are, touch charts
     in another colour. Without any successful touch there is a warning: the model only knows where sensors are. Raises
     ReconstructionError for a model that is not there, a missing image or touch, and values of another shape or not
     finite. For many objects, make one `Reconstructor`."""
-    return Reconstructor(model, device)(image, touches, camera, silhouette).mesh()
+    return Reconstructor(model, device)(image, touches, camera, silhouette, closed).mesh()
 
 
 class Reconstructor:
@@ -148,6 +150,7 @@ class Reconstructor:
         touches: Grasps = None,
         camera: np.ndarray | None = None,
         silhouette: Silhouette | None = None,
+        closed: bool = False,
     ) -> Shape:
         """The prediction from one image and the touches of some grasps; see `reconstruct`."""
         import torch
@@ -169,14 +172,16 @@ class Reconstructor:
         # As a training's, also in memory: convolutions round otherwise in another layout.
         batch |= {name: to_colours(batch[name]) for name in ("image", "reading") if name in batch}
         with torch.inference_mode():
-            vertices, faces = (values.cpu().numpy() for values in self._model.meshes(batch)[0])
+            vertices, faces = (values.cpu().numpy() for values in self._model.meshes(batch, closed)[0])
         if not np.isfinite(vertices).all():
             raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
         return self._shape(vertices, faces, success)
 
-    def predict(self, record: ObjectRecord, grasps: Sequence[int] | None = None, view: int = 0) -> Shape:
+    def predict(
+        self, record: ObjectRecord, grasps: Sequence[int] | None = None, view: int = 0, closed: bool = False
+    ) -> Shape:
         """The prediction for an object of the dataset, from what the model takes of it; arguments of `of_object`."""
-        return self(*of_object(record, self.experiment, grasps, view))
+        return self(*of_object(record, self.experiment, grasps, view), closed)
 
     def predictions(self, record: ObjectRecord, grasps: Sequence[int] | None = None) -> dict[int, "trimesh.Trimesh"]:
         """Meshes of an object record by the number of the grasp: from each of some grasps, or of all. A model that
@@ -216,12 +221,12 @@ class Reconstructor:
         if silhouette is None:
             remedy = "give one; of an object of a dataset, Reconstructor.predict gives it"
             raise ReconstructionError(f"{self.name} also takes the object's silhouette in the image: {remedy}")
-        for key, values in {"mask": silhouette.mask, "hand": silhouette.hand}.items():
-            if values is not None:
-                inputs[key] = np.asarray(values, dtype=bool)
-                if inputs[key].shape != image.shape[:2]:
-                    shapes = f"shape {inputs[key].shape}, expected the image's {image.shape[:2]}"
-                    raise ReconstructionError(f"the silhouette's {key} has {shapes}")
+        hand = np.zeros(image.shape[:2]) if silhouette.hand is None else silhouette.hand
+        for key, values in {"mask": silhouette.mask, "hand": hand}.items():
+            inputs[key] = np.asarray(values, dtype=bool)
+            if inputs[key].shape != image.shape[:2]:
+                shapes = f"shape {inputs[key].shape}, expected the image's {image.shape[:2]}"
+                raise ReconstructionError(f"the silhouette's {key} has {shapes}")
         return inputs | {"camera_number": np.asarray(silhouette.view)}
 
     def _all_touches(self, touches: Grasps) -> GraspTouches:

@@ -239,14 +239,16 @@ class Reconstruction(nn.Module):
         faces = _below(self.moving_faces, stages[0].shape[1])
         return torch.stack([reconstruction_loss(vertices, faces, target) for vertices in stages]).mean(dim=0)
 
-    def meshes(self, batch: Batch) -> list[tuple[Tensor, Tensor]]:
+    def meshes(self, batch: Batch, closed: bool = False) -> list[tuple[Tensor, Tensor]]:
         """What `forward` predicts of each sample as a mesh: vertices (V, 3) float32, metres, world frame, and faces
-        (F, 3). Where the batch has a `mask`, vision charts are without the faces that it shows to be empty space."""
-        return [(vertices, self._shown(vertices, batch, n)) for n, vertices in enumerate(self(batch).float())]
+        (F, 3). Of a batch with a `mask` without the faces of vision charts that it shows to be empty space, unless
+        `closed`."""
+        predicted = enumerate(self(batch).float())
+        return [(vertices, self._shown(vertices, batch, sample, closed)) for sample, vertices in predicted]
 
-    def _shown(self, vertices: Tensor, batch: Batch, sample: int) -> Tensor:
+    def _shown(self, vertices: Tensor, batch: Batch, sample: int, closed: bool) -> Tensor:
         faces = _below(self.faces, len(vertices))
-        if not self.experiment.takes_masks:
+        if closed or not self.experiment.takes_masks:
             return faces
         known = (faces >= len(self.start)).any(dim=1)  # touch charts
         return faces[known | inside(vertices[faces], batch, sample)]

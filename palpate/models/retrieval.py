@@ -42,10 +42,11 @@ class Retrieval:
         samples = zip(fitting, touched_points(batch), strict=True)
         return torch.stack([displaced(points, None, touched, self.correction) for points, touched in samples])
 
-    def meshes(self, batch: Mapping[str, Tensor]) -> list[tuple[Tensor, Tensor]]:
-        """The points of each sample, without those that its `mask` shows to be empty space; no faces."""
+    def meshes(self, batch: Mapping[str, Tensor], closed: bool = False) -> list[tuple[Tensor, Tensor]]:
+        """The points of each sample, without those that its `mask` shows to be empty space unless `closed`; no
+        faces."""
         clouds, no_faces = list(self(batch)), torch.empty(0, 3, dtype=torch.int64)
-        if "mask" in batch:
+        if "mask" in batch and not closed:
             clouds = [cloud[inside(cloud[:, None], batch, n)] for n, cloud in enumerate(clouds)]
         return [(cloud, no_faces) for cloud in clouds]
 

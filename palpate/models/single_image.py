@@ -77,8 +77,8 @@ class SingleImageModel(nn.Module, ABC):
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """One sample's prediction as a mesh: vertices (V, 3) m, world frame, and faces (F, 3) int64."""
 
-    def meshes(self, batch: Mapping[str, Tensor]) -> list[tuple[Tensor, Tensor]]:
-        """What is predicted of each sample, as a mesh."""
+    def meshes(self, batch: Mapping[str, Tensor], closed: bool = False) -> list[tuple[Tensor, Tensor]]:
+        """What is predicted of each sample, as a mesh. `closed` changes nothing: see `Reconstruction.meshes`."""
         return [self.mesh(prediction) for prediction in self(batch).float()]
 
     def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:

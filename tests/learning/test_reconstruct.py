@@ -168,6 +168,25 @@ def test_a_record_gives_what_its_training_data_give(run, dataset, name, grasps, 
     assert np.abs(other - vertices).max() > 1e-4
 
 
+@pytest.mark.parametrize("name", ["template_unoccluded_touch", "template_occluded_touch"])
+def test_a_closed_surface_has_what_the_silhouette_shows_to_be_empty_space(run, dataset, name):
+    model = Reconstructor(folder_of(run, name))
+    *given, silhouette = reconstruct.of_object(dataset["knife-0000"], model.experiment, [1])
+    for network in (model._model.gcn, model._model.sphere_gcn):  # what it begins with: untrained it leaves the image
+        for parameter in network.layers[-1].parameters():
+            torch.nn.init.zeros_(parameter)
+    mask = np.ones((256, 256), bool)
+    mask[100:150, 100:150] = False  # seen through
+    silhouette = silhouette._replace(mask=mask, hand=None)
+    cut, closed = (model(*given, silhouette, closed) for closed in (False, True))
+    np.testing.assert_array_equal(cut.vertices, closed.vertices)
+    assert {tuple(face) for face in cut.faces} < {tuple(face) for face in closed.faces}
+    assert cut.touch.sum() == closed.touch.sum() > 0 and len(closed.faces) == 2304 + closed.touch.sum()
+    for shape, watertight in ((cut, False), (closed, True)):
+        mesh = trimesh.Trimesh(shape.vertices, shape.faces[~shape.touch])
+        assert mesh.is_watertight == watertight
+
+
 @pytest.mark.parametrize("strategy", SINGLE_IMAGE_MODELS)
 def test_a_view_gives_what_a_published_network_predicts_for_it(run, dataset, strategy, tmp_path):
     """Its mesh, or its points without faces, and that as a file."""
