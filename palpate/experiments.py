@@ -22,12 +22,11 @@ class Method(NamedTuple):
     architecture: Mapping[str, Any] = {}
     correction: Mapping[str, float] | None = None
     stated_as: str | None = None
-    exchanged: Mapping[str, str | None] | None = None
-    communication: str = ""
+    lacks: Sequence[str] | None = None
     claims: bool = True
 
     @property
-    def label(self) -> str:  # the method as text: `pooled touch (ours)`
+    def label(self) -> str:  # the method as text: `template (ours)`
         return self.title + f" ({self.whose})" * bool(self.whose)
 
 
@@ -38,7 +37,7 @@ METHODS = {
 
 
 def name_of(row: Mapping[str, Any]) -> str:
-    """The name of an experiment of these properties: `template_unoccluded_touch_5`, `pooled_touch_any`."""
+    """The name of an experiment of these properties: `template_unoccluded_touch_5`, `template_touch_any`."""
     method, vision, fewer_grasps, grasps = row["method"], row["vision"], row.get("fewer_grasps"), row.get("grasps", 1)
     if vision == "views":
         return "single_image" if method == "charts" else f"single_image_{method}"

@@ -75,23 +75,13 @@ class Sphere(Strategy):
     touch_input, start = "readings", "sphere"
 
 
-class Pooled(Strategy):
-    """Ours: features of the nearest touches at every vertex, and touch charts in the mesh."""
-
-    touch_input, copies_touch = "pooled", True
-
-
-class PooledNoCopy(Strategy):
-    """As `Pooled`, without touch charts in the mesh."""
-
-    touch_input = "pooled"
-
-
-class Template(Pooled):
-    """As `Pooled`, but the charts begin as a shape interpolated from training objects (`palpate.models.templates`)."""
+class Template(Strategy):
+    """Ours: charts that begin as a shape interpolated from training objects (`palpate.models.templates`), features of
+    the nearest touches at every vertex, and touch charts in the mesh."""
 
     visions = ("unoccluded", "occluded", "none")
     takes_masks, start = True, "templates"
+    touch_input, copies_touch = "pooled", True
 
 
 class Retrieval(Strategy):
@@ -113,8 +103,6 @@ STRATEGIES: dict[str, type[Strategy]] = {
     "no_copy": NoCopy,
     "no_comm": NoComm,
     "sphere": Sphere,
-    "pooled": Pooled,
-    "pooled_no_copy": PooledNoCopy,
     "template": Template,
     "retrieval": Retrieval,
     **dict.fromkeys(("psg", "pixel2mesh", "r2n2"), SingleImage),

@@ -12,7 +12,7 @@ from palpate.learning.inputs import stages
 from palpate.learning.learners import ReconstructionLearner
 from palpate.learning.loop import train
 from palpate.learning.machine import Machine
-from palpate.strategies import STRATEGIES, PooledNoCopy, strategy
+from palpate.strategies import STRATEGIES, Strategy, strategy
 from tests.learning.conftest import SETTINGS, made_up
 
 
@@ -55,10 +55,10 @@ def test_an_unknown_strategy_is_named():
         strategy("cubes")
 
 
-class PooledSphere(PooledNoCopy):
+class PooledSphere(Strategy):
     """A closed sphere that gets features of the nearest touches: no strategy of ours."""
 
-    start = "sphere"
+    touch_input, start = "pooled", "sphere"
 
 
 def test_a_new_strategy_is_one_class(monkeypatch, tmp_path):

@@ -41,7 +41,7 @@ STRIDE = 7  # of a cloud's points, those that are drawn: 10,000 hide one another
 # Rows: right and up in the picture, in the sensor's frame. Seen from the sensor, from where the reading's bottom is.
 OBLIQUE = np.array([[0, 1, 0], [-0.6, 0, -0.8]])
 # Of colours.
-ORDER = ("charts", "pooled", "template", "pooled_no_copy", "sphere", "no_comm", "no_copy", "mean", "retrieval")
+ORDER = ("charts", "retrieval", "template", "mean", "sphere", "no_comm", "no_copy")
 PANEL = {"left": 0.075, "right": 0.99, "bottom": 0.13, "top": 0.88}  # of the width and height of a row of panels
 # The models, the name of each over its columns, and the numbers of grasps in these.
 MODELS = {

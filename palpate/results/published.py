@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FOLDER = Path(__file__).parent / "paper"
-OURS = {method.name for method in METHODS.values() if method.stated_as}  # methods that are not the paper's
 
 
 def published_experiments(*tables: str) -> list[str]:
@@ -50,25 +49,26 @@ def terms(cell: str) -> tuple[Term, ...]:
 
 
 def exchanged(papers: Sequence[Term], method: Method, known: Collection[str]) -> tuple[Term, ...] | None:
-    """Terms with a method in place of the paper's; None if it changes none, or the method has no experiment, among
-    those `known`, for one of them. Vision alone stays where a method has no model of its own for it."""
-    if not method.exchanged:
+    """Terms with a method in place of the paper's that it is stated as; None if it changes none, lacks one, or has no
+    experiment, among those `known`, for one. Vision alone stays where a method has no model of its own for it."""
+    if method.lacks is None or any(term.method in method.lacks for term in papers):
+        return None
+    if not method.stated_as:
         return tuple(papers)
     own = []
     for term in papers:
-        other = method.exchanged.get(term.method, term.method)
-        mine = term._replace(method=other or "")
-        lacks = other != term.method and mine.experiment not in known
-        if term.method in OURS or (lacks and (other is None or "touch" in term.inputs)):
+        mine = term._replace(method=method.name) if term.method == method.stated_as else term
+        missing = mine != term and mine.experiment not in known
+        if missing and "touch" in term.inputs:
             return None
-        own.append(term if lacks else mine)
+        own.append(term if missing else mine)
     return tuple(own) if own != [*papers] else None
 
 
 def _of_methods(table: str, known: Collection[str], *columns: str) -> Iterator[tuple[Method, dict, Sequence, Sequence]]:
     """For each method, the rows of a file whose experiments it has, with their terms as stated and as its own."""
     for method in METHODS.values():
-        for row in paper_rows(table) if method.exchanged is not None else ():
+        for row in paper_rows(table):
             papers = [term for column in columns for term in terms(row[column])]
             if own := exchanged(papers, method, known):
                 yield method, row, papers, own
@@ -94,12 +94,11 @@ def effects(experiments: Iterable[str]) -> list[dict[str, Any]]:
     """The rows of `paper/effects.csv`, for each method, whose two experiments are among those given; with the `method`
     of the first, and as `stated` the paper's two."""
     known, rows = set(experiments), []
-    for method, row, papers, own in _of_methods("effects", known, "experiment", "compared_with"):
+    for _, row, papers, own in _of_methods("effects", known, "experiment", "compared_with"):
         one, other = (term.key for term in own)
         if {one, other} <= known:
             named = {"method": own[0].method, "experiment": one, "compared_with": other}
-            effect = row["effect"].format(communication=method.communication)
-            rows.append({"effect": effect, "stated": [term.key for term in papers], **named})
+            rows.append({"effect": row["effect"], "stated": [term.key for term in papers], **named})
     return rows
 
 

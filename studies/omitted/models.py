@@ -27,7 +27,6 @@ from palpate.models import Reconstruction
 from palpate.models.encoder import ReadingEncoder
 from palpate.models.gcn import GraphNetwork
 from palpate.models.reconstruction import POSE_FEATURES
-from palpate.models.touch import TouchAttention
 from studies.omitted.omission import Omission
 from studies.subjects import Subject
 
@@ -77,14 +76,11 @@ class NaiveReconstruction(Reconstruction):
     def __init__(self, experiment: Experiment, architecture: Architecture, naive: Iterable[str], **sensors: Any):
         vision = "unoccluded" if IMAGE in naive and not experiment.has_vision else experiment.vision
         super().__init__(replace(experiment, vision=vision), architecture, **sensors)
-        width = architecture.gcn.width
-        if self.touch_input == "pooled" and not experiment.has_vision:  # beside an image the engine has no attention
-            self.touch_attention = TouchAttention(width)
         self.needless_readings = READING in naive and experiment.touch and self.touch_input != "readings"
         if self.needless_readings:
             self.reading_encoder = ReadingEncoder()
             features = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
-            self.reading_weight = nn.Parameter(torch.empty(features, width))
+            self.reading_weight = nn.Parameter(torch.empty(features, architecture.gcn.width))
         if SPARE in naive:
             charts, graph = self.graph.touch_charts, self.graph
             self.graphs[-1] = SpareGraph(charts, graph.kind, graph.normalisation, self.hand_sensors * GRASPS - charts)

@@ -114,9 +114,10 @@ def test_objects_that_all_stores_have(made):
 
 
 def test_rows_are_those_of_the_stores(made):
-    found = ExperimentData.load(made[0], replace(OCCLUDED_TOUCH, strategy="pooled"))
+    found = ExperimentData.load(made[0], replace(OCCLUDED_TOUCH, strategy="template"))
     assert found.grasps == GRASPS and set(found.arrays) == {
-        *("points", "occluded", "image_camera", "success", "position", "rotation", "charts")
+        *("points", "occluded", "image_camera", "success", "position", "rotation", "charts"),
+        *("unoccluded_silhouette", "occluded_silhouette", "hand_silhouette"),
     }
     for number, name in enumerate(found.objects):
         for ours, stage, theirs in [

@@ -34,7 +34,7 @@ from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, TouchDepth
 from palpate.sensor import DIGIT
 from palpate.touch import RayCaster, empty_reading, sense
 from palpate.vision import views
-from tests.models.batches import SMALL
+from tests.models.batches import SMALL, templates
 
 SPLITS = {"ball-0000": "train", "ball-0001": "validation", "ball-0002": "test", "ball-0003": "test"}
 RADII = dict(zip(SPLITS, (0.05, 0.06, 0.07, 0.08), strict=True))
@@ -120,9 +120,9 @@ def unoccluded_data(data) -> ExperimentData:
     return ExperimentData(arrays)
 
 
-def untrained(experiment) -> Trained:
+def untrained(experiment, templates=None) -> Trained:
     torch.manual_seed(MODEL_SEED)
-    model = Reconstruction(experiment, Architecture.from_row(SMALL)).eval()
+    model = Reconstruction(experiment, Architecture.from_row(SMALL), templates=templates).eval()
     return Trained(model, experiment, 3, 700)
 
 
@@ -340,6 +340,7 @@ def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
 @pytest.fixture(scope="module")
 def touched_data(data, unoccluded_data) -> ExperimentData:
     names = {"object": data.objects, "class": data.classes, "split": data.splits}
+    names["unoccluded_silhouette"] = np.random.default_rng(0).random((len(SPLITS), 1, 256, 256)) < 0.5
     both = {name: np.array(values) for name, values in names.items()} | data.arrays | unoccluded_data.arrays
     return ExperimentData({name: values for name, values in both.items() if name != "occluded"})
 
@@ -348,8 +349,9 @@ def touched_data(data, unoccluded_data) -> ExperimentData:
 def test_chosen_grasps_are_measured_as_any_others(touched_data, vision):
     """All strategies begin at the same error, and end at the same one, with both grasps; the oracle is never above
     another where it has a choice. What one grasp leaves is what an evaluation of that grasp says."""
-    takes = {"strategy": "pooled", "vision": vision, "touch": True, "correction": Correction(0.08, 0.3)}
-    trained = untrained(Experiment("model", grasps=2, fewer_grasps=True, **takes))
+    takes = {"strategy": "template", "vision": vision, "touch": True, "correction": Correction(0.08, 0.3)}
+    known = templates(vision != "none")[0]
+    trained = untrained(Experiment("model", grasps=2, fewer_grasps=True, **takes), known)
     table = evaluate_selection(trained, touched_data, ["test"], points=500)
     assert list(table.columns) == list(SELECTION_COLUMNS) and set(table["object"]) == {"ball-0002", "ball-0003"}
     counts = [0, 1, 2] if vision == "unoccluded" else [1, 2]

@@ -26,6 +26,7 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, TouchDepth
 from palpate.models.templates import MASK, Templates
 from palpate.store import StoreError
+from palpate.strategies import STRATEGIES, Strategy
 from tests.models.batches import SMALL
 from tests.results.conftest import ATTRIBUTES, BATCH, build_run
 
@@ -43,10 +44,10 @@ EXPERIMENTS = {
         Experiment("sphere_occluded_touch", "sphere", "occluded", True, 1),
         Experiment("charts_occluded", "charts", "occluded", False, 1),
         Experiment("charts_touch_2", "charts", "none", True, 2),
-        Experiment("pooled_occluded_touch", "pooled", "occluded", True, 1),
-        Experiment("pooled_no_copy_touch_2", "pooled_no_copy", "none", True, 2),
         Experiment("template_unoccluded_touch", "template", "unoccluded", True, 1),
         Experiment("template_occluded_touch", "template", "occluded", True, 1),
+        Experiment("template_touch_2", "template", "none", True, 2),
+        Experiment("not_copied_touch_2", "not_copied", "none", True, 2),
         Experiment("single_image", "charts", "views", False, 1),
         Experiment("single_image_psg", "psg", "views", False, 1),
         Experiment("single_image_pixel2mesh", "pixel2mesh", "views", False, 1),
@@ -55,6 +56,19 @@ EXPERIMENTS = {
 }
 VIEWS, VIEW_SIZE = 2, 137
 OBJECT_CENTRE = torch.tensor(OBJECT_POSITION)
+
+
+class NotCopied(Strategy):
+    """Charts with features of the nearest touches, none of which are in the mesh: no strategy of ours."""
+
+    touch_input = "pooled"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def strategies():
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(STRATEGIES, "not_copied", NotCopied)
+        yield
 
 
 def noisy_images(meshes, hand, grasp):
@@ -72,10 +86,11 @@ def noisy_images(meshes, hand, grasp):
     }
 
 
-def random_templates():
+def random_templates(experiment):
     """Spheres of two sizes, and noise for their silhouettes by both cameras."""
     vertices = torch.stack([OBJECT_CENTRE + size * (sphere()[0] - OBJECT_CENTRE) for size in (0.5, 0.9)])
-    return Templates(vertices, torch.randint(0, 256, (2, 2, MASK, MASK), dtype=torch.uint8))
+    masks = torch.randint(0, 256, (2, 2, MASK, MASK), dtype=torch.uint8)
+    return Templates(vertices, masks if experiment.has_vision else None)
 
 
 @pytest.fixture(scope="module")
@@ -88,9 +103,9 @@ def run(tmp_path_factory):
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
     for seed, (name, experiment) in enumerate(EXPERIMENTS.items()):
         torch.manual_seed(seed)
-        known = random_templates() if experiment.strategy == "template" else None
+        known = random_templates(experiment) if experiment.strategy == "template" else None
         model = checkpoints.build(experiment, Architecture.from_row(ARCHITECTURE), templates=known)
-        if experiment.strategy.startswith(("pooled", "template")):  # weights that start at zero
+        if experiment.plan.touch_input == "pooled":  # weights that start at zero
             torch.nn.init.normal_(model.touch_pooling.weight)
         if experiment.strategy == "r2n2":  # untrained, all cells are as probable, whatever the image
             torch.nn.init.normal_(model.cells.weight, std=1e3)
@@ -147,7 +162,8 @@ def of_data(run, name, sample):
         ("charts_occluded", (1,), 1),
         ("no_copy_unoccluded_touch", (0,), 1),
         ("charts_touch_2", (1, 0), 0),
-        ("pooled_no_copy_touch_2", (1, 0), 0),
+        ("template_touch_2", (1, 0), 0),
+        ("not_copied_touch_2", (1, 0), 0),
         ("template_unoccluded_touch", (1,), 1),
         ("template_occluded_touch", (1,), 1),
         ("single_image", (), 1),
@@ -206,11 +222,10 @@ def test_a_view_gives_what_a_published_network_predicts_for_it(run, dataset, str
     np.testing.assert_allclose(read.vertices, vertices, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["no_comm_unoccluded_touch", "pooled_occluded_touch"])
+@pytest.mark.parametrize("name", ["no_comm_unoccluded_touch", "template_occluded_touch"])
 def test_charts_without_touch_are_left_out_where_they_are_only_copied(run, dataset, name):
     grasp = next(g for g in dataset["knife-0000"].grasps if 0 < g.success.sum() < 4)
-    image = grasp.occluded if "_occluded" in name else grasp.object.unoccluded
-    shape = Reconstructor(folder_of(run, name))(image, grasp)
+    shape = Reconstructor(folder_of(run, name)).predict(grasp.object, [grasp.number])
     vertices, faces = of_data(run, name, Sample(1, (grasp.number,)))
     np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
     triangles = vertices[faces]

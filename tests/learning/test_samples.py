@@ -82,7 +82,7 @@ def test_a_step_does_not_depend_on_those_before(data):
 def test_a_batch_sample_by_sample():
     data = made_up("occluded", "charts", cameras=2)
     samples = [Sample(2, (1, 0)), Sample(5, (2, 1), 1), Sample(2, (0, 2))]
-    batch = Assembler(data, replace(TOUCH_ONLY, strategy="pooled", vision="occluded"))(samples)
+    batch = Assembler(data, replace(TOUCH_ONLY, strategy="template", vision="occluded"))(samples)
     assert batch["image"].dtype == torch.float32 and tuple(batch["image"].shape) == (3, 3, 24, 24)
     for place, sample in enumerate(samples):
         image = data["occluded"][sample.object, sample.grasps[0], sample.view].transpose(2, 0, 1) / 255
@@ -91,7 +91,11 @@ def test_a_batch_sample_by_sample():
             expected = np.concatenate([data[name][sample.object, grasp] for grasp in sample.grasps])
             np.testing.assert_array_equal(batch[name][place], expected)
         np.testing.assert_array_equal(batch["camera"][place], data["image_camera"][sample.object, sample.view])
-    assert set(batch) == {"image", "camera", "success", "position", "rotation", "charts"}
+        for key, name in (("mask", "occluded_silhouette"), ("hand", "hand_silhouette")):
+            np.testing.assert_array_equal(batch[key][place], data[name][sample.object, sample.grasps[0], sample.view])
+    assert batch["camera_number"].tolist() == [0, 1, 0]
+    of_touches = {"success", "position", "rotation", "charts"}
+    assert set(batch) == {"image", "camera", "mask", "hand", "camera_number"} | of_touches
 
 
 def test_a_batch_of_readings_and_of_views():

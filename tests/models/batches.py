@@ -3,7 +3,9 @@
 import torch
 
 from palpate.camera import paper_camera
+from palpate.charts import sphere
 from palpate.mesh import OBJECT_POSITION
+from palpate.models.templates import MASK, NUGGET, Templates, shrunk
 
 SMALL = {
     "encoder": {
@@ -18,6 +20,31 @@ SMALL = {
     "init": "he",
     "last_layer_scale": 0.3,
 }
+COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK  # of templates; of cameras; pixels along an edge of silhouettes
+KERNEL = torch.tensor([2.0, NUGGET], dtype=torch.float64)
+
+
+def templates(vision=True, seed=0):
+    """Ellipsoids of random sizes, and discs for silhouettes."""
+    random = torch.Generator().manual_seed(seed)
+    axes = 0.1 + 0.8 * torch.rand(COUNT, 1, 3, generator=random)
+    centre = torch.tensor(OBJECT_POSITION)
+    vertices = centre + axes * (sphere()[0] - centre)
+    middle, radius = (torch.rand(COUNT, CAMERAS, n, 1, 1, generator=random) for n in (2, 1))
+    rows, columns = torch.meshgrid(*[torch.linspace(0, 1, SIZE)] * 2, indexing="ij")
+    away = (rows - 0.3 - 0.4 * middle[:, :, 0]).square() + (columns - 0.3 - 0.4 * middle[:, :, 1]).square()
+    masks = away < (0.15 + 0.2 * radius[:, :, 0]).square()
+    return Templates(vertices, shrunk(masks) if vision else None, KERNEL if vision else None), masks
+
+
+def silhouettes(samples: int) -> dict:
+    """What a model that begins with `templates()` reads besides: every other silhouette is like none of theirs."""
+    mask = templates()[1][:samples, 0]
+    hand = torch.zeros_like(mask)
+    hand[:, :, SIZE * 3 // 4 :] = True
+    mask[1::2] = False
+    mask[1::2, :9] = True
+    return {"mask": mask & ~hand, "hand": hand, "camera_number": torch.zeros(samples, dtype=torch.int64)}
 
 
 def resized_world(batch: dict, camera: torch.Tensor, factor: float) -> dict:

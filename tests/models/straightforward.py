@@ -2,8 +2,11 @@
 
 Layout (sample, vertex, channel); a dense adjacency matrix; the image encoded again at each deformation; pooling from
 the four cells around each vertex; all pairs of points for the Chamfer distance. It uses the weights of a
-`palpate.models.Reconstruction`, and of its code only the convolutions.
+`palpate.models.Reconstruction`, and of its code only the convolutions, and the start that is made of templates, which
+test_templates.py compares with brute force.
 """
+
+from functools import cache
 
 import numpy as np
 import torch
@@ -13,6 +16,7 @@ from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.graph import Graph
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
+from palpate.models.gcn import GraphNetwork
 from palpate.models.touch import TouchAttention
 
 
@@ -148,17 +152,48 @@ def attended_touches(
     return sum(weight[..., None] * value[:, None] for weight, value in zip(share, taken, strict=True))
 
 
+def known(model: Reconstruction, batch: dict) -> torch.Tensor:
+    """(B,) whether the silhouette of a template has an intersection over union of 0.6 with a sample's, beside its hand.
+    Pixels are shares that are covered, of 64 along an edge."""
+    found = []
+    for mask, hand, camera in zip(batch["mask"], batch["hand"], batch["camera_number"], strict=True):
+        seen, free = (each.double().reshape(64, len(each) // 64, 64, -1).mean(dim=(1, 3)) for each in (mask, ~hand))
+        others = [template / 255 * free for template in model.templates.masks[:, camera].double()]
+        both = [(seen * other).sum() for other in others]
+        alike = [one / (seen.sum() + other.sum() - one) for one, other in zip(both, others, strict=True)]
+        found.append(max(alike) >= 0.6)
+    return torch.stack(found)
+
+
+@cache
+def smoothing() -> torch.Tensor:
+    """The matrix (1824, 1824) float64 that charts are closed and smoothed by: vertices at the same place of the sphere
+    to their mean, 0.5 of the way to that of their neighbours, 1 / 1.9 of it back, and each where its place is."""
+    place, faces = vision_atlas().position.tolist(), sphere()[1].tolist()
+    join, around = np.zeros((1154, 1824)), np.zeros((1154, 1154))
+    for vertex, at in enumerate(place):
+        join[at, vertex] = 1
+    for a, b, c in faces:
+        for u, v in ((a, b), (b, c), (c, a)):
+            around[u, v] = around[v, u] = 1
+    towards = around / around.sum(axis=1, keepdims=True) - np.eye(1154)
+    closed = join / join.sum(axis=1, keepdims=True)
+    for step in (0.5, -1 / 1.9):
+        closed = closed + step * towards @ closed
+    return torch.from_numpy(closed[place])
+
+
 def graph_network(
-    model: Reconstruction, features: torch.Tensor, weight: torch.Tensor, adjacency: torch.Tensor
+    network: GraphNetwork, features: torch.Tensor, weight: torch.Tensor, adjacency: torch.Tensor
 ) -> torch.Tensor:
     """(B, V, C) -> (B, V, 3), every neighbourhood a row of the dense adjacency. weight: of the first layer, whole."""
-    for k, layer in enumerate(model.gcn.layers):
+    for k, layer in enumerate(network.layers):
         features = features @ (layer.weight if k else weight)
-        last = k == len(model.gcn.layers) - 1
+        last = k == len(network.layers) - 1
         shared = features.shape[-1] if last else features.shape[-1] // 3
         summed = torch.einsum("uv,bvc->buc", adjacency, features[..., :shared])
         features = torch.cat([summed, features[..., shared:]], dim=-1) + layer.bias
-        if k < len(model.gcn.layers) - 1:
+        if not last:
             features = torch.relu(features)
     return features
 
@@ -169,7 +204,7 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
     dtype = next(model.parameters()).dtype
     start = sphere()[0] if model.experiment.strategy == "sphere" else vision_atlas().vertices
     positions = start.to(dtype).expand(samples, -1, -1)
-    touch = fixed = mask = None
+    touch = None
     if model.experiment.touch and model.experiment.strategy != "sphere":
         touch = batch["charts"].clone()
         for sample in range(samples):
@@ -177,9 +212,32 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
                 if not batch["success"][sample, sensor]:
                     touch[sample, sensor] = batch["position"][sample, sensor]
         touch = touch.flatten(1, 2)
+    if model.templates is None:
+        positions = deformed(model, model.gcn, positions, touch, batch, adjacency)
+    else:
+        alike = deformed(model, model.gcn, model.templates(batch).transpose(0, 1), touch, batch, adjacency)
+        if model.experiment.has_vision:
+            other = deformed(model, model.sphere_gcn, positions, touch, batch, adjacency)
+            alike = torch.where(known(model, batch)[:, None, None], alike, other)
+        positions = smoothing().to(dtype) @ alike
+    if model.copies_touch:
+        positions = torch.cat([positions, touch], dim=1)
+    return positions
+
+
+def deformed(
+    model: Reconstruction,
+    network: GraphNetwork,
+    positions: torch.Tensor,
+    touch: torch.Tensor | None,
+    batch: dict,
+    adjacency: torch.Tensor,
+) -> torch.Tensor:
+    """Positions (B, V, 3) after three deformations by a graph network. touch: (B, 81 T, 3), the charts."""
+    (samples, count, _), dtype, fixed, mask = positions.shape, positions.dtype, None, None
     if model.graph.touch_charts:
         success = batch["success"].to(dtype).repeat_interleave(TOUCH_VERTICES, dim=1)
-        vision = torch.zeros(samples, len(start), dtype=dtype)
+        vision = torch.zeros(samples, count, dtype=dtype)
         mask = torch.cat([vision, 2 * success - 1], dim=1)[..., None]
         stays = torch.ones_like(success) if model.architecture.failed_charts == "fixed" else success
         fixed = torch.cat([vision, stays], dim=1)[..., None] == 1
@@ -195,7 +253,7 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
                 features[0] = model.project(features[0])
             weights.append(model.image_weight)
         features.append((positions - centre) / scale)
-        weights.append(model.gcn.layers[0].weight)
+        weights.append(network.layers[0].weight)
         if mask is not None:
             features.append(mask)
         if model.experiment.strategy == "sphere" and model.experiment.touch:
@@ -215,11 +273,9 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
             if model.touch_attention:
                 features.append(attended_touches(model.touch_attention, features[0], batch, centre, scale))
                 weights.append(model.touch_attention.weight)
-        residual = graph_network(model, torch.cat(features, dim=-1), torch.cat(weights), adjacency)
+        residual = graph_network(network, torch.cat(features, dim=-1), torch.cat(weights), adjacency)
         moved = positions + scale * residual
         if fixed is not None and model.experiment.strategy == "charts":
             moved = torch.where(fixed, positions, moved)
         positions = moved
-    if model.copies_touch:
-        positions = torch.cat([positions, touch], dim=1)
     return positions

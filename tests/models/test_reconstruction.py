@@ -10,7 +10,7 @@ from palpate.experiments import Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from tests.models import straightforward
-from tests.models.batches import SMALL, random_batch, resized_world
+from tests.models.batches import SMALL, random_batch, resized_world, silhouettes, templates
 
 EXPERIMENTS = [
     ("charts", True, True, 1),
@@ -19,9 +19,9 @@ EXPERIMENTS = [
     ("charts", False, True, 5),
     ("no_copy", True, True, 1),
     ("no_comm", True, True, 1),
-    ("pooled", True, True, 2),
-    ("pooled", False, True, 5),
-    ("pooled_no_copy", True, True, 1),
+    ("template", True, True, 2),
+    ("template", False, True, 5),
+    ("template", True, False, 1),
     ("sphere", True, True, 1),
     ("sphere", True, False, 1),
 ]
@@ -31,7 +31,12 @@ VISION = len(vision_atlas().vertices)
 def model_of(strategy, vision, touch, grasps, architecture=SMALL, seed=0):
     torch.manual_seed(seed)
     experiment = Experiment("model", strategy, "occluded" if vision else "none", touch, grasps)
-    return Reconstruction(experiment, Architecture.from_row(architecture)).double()
+    known = templates(vision)[0] if strategy == "template" else None
+    return Reconstruction(experiment, Architecture.from_row(architecture), templates=known).double()
+
+
+def batch_of(samples, strategy, vision, touch, grasps):
+    return random_batch(samples, grasps) | (silhouettes(samples) if vision else {})
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
@@ -48,7 +53,7 @@ def test_same_vertices_and_gradients_as_the_straightforward_model(experiment, op
     if model.touch_input == "pooled":
         for weight in (model.touch_pooling, model.touch_attention):
             torch.nn.init.normal_(weight.weight) if weight else None
-    batch = random_batch(2, experiment[3])
+    batch = batch_of(2, *experiment)
     adjacency = straightforward.dense_adjacency(model.graph)
     direction = torch.randn(2, int(model.faces.max()) + 1, 3, dtype=torch.float64)
     results = []
@@ -170,7 +175,7 @@ def test_no_comm_appends_the_charts():
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS[:-2])
 def test_samples_are_independent_and_permutable(experiment):
-    model, batch = model_of(*experiment).eval(), random_batch(3, experiment[3])
+    model, batch = model_of(*experiment).eval(), batch_of(3, *experiment)
     together = model(batch)
     order = torch.tensor([2, 0, 1])
     permuted = model({key: value[order] for key, value in batch.items()})

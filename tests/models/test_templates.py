@@ -10,7 +10,6 @@ from palpate.architectures import Architecture
 from palpate.charts import sample_faces, sphere, vision_atlas
 from palpate.charts.atlas import chart_faces
 from palpate.experiments import Correction, Experiment
-from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from palpate.models import templates as templates_module
 from palpate.models.kriging import displaced, nearest_on_faces, touched_points
@@ -31,23 +30,7 @@ from palpate.models.templates import (
     shrunk,
     smoothed,
 )
-from tests.models.batches import SMALL, random_batch
-
-COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK
-KERNEL = torch.tensor([2.0, NUGGET], dtype=torch.float64)
-
-
-def templates(vision=True, seed=0):
-    """Ellipsoids of random sizes, and discs for silhouettes."""
-    random = torch.Generator().manual_seed(seed)
-    axes = 0.1 + 0.8 * torch.rand(COUNT, 1, 3, generator=random)
-    centre = torch.tensor(OBJECT_POSITION)
-    vertices = centre + axes * (sphere()[0] - centre)
-    middle, radius = (torch.rand(COUNT, CAMERAS, n, 1, 1, generator=random) for n in (2, 1))
-    rows, columns = torch.meshgrid(*[torch.linspace(0, 1, SIZE)] * 2, indexing="ij")
-    away = (rows - 0.3 - 0.4 * middle[:, :, 0]).square() + (columns - 0.3 - 0.4 * middle[:, :, 1]).square()
-    masks = away < (0.15 + 0.2 * radius[:, :, 0]).square()
-    return Templates(vertices, shrunk(masks) if vision else None, KERNEL if vision else None), masks
+from tests.models.batches import CAMERAS, COUNT, KERNEL, SIZE, SMALL, random_batch, templates
 
 
 def batch(samples=8, grasps=1, seed=1):
@@ -349,7 +332,7 @@ def test_in_mixed_precision_the_start_is_the_same():
 
 
 def test_templates_are_for_their_strategy():
-    for strategy, given in (("pooled", templates()[0]), ("template", None)):
+    for strategy, given in (("charts", templates()[0]), ("template", None)):
         experiment = Experiment("a", strategy, "occluded", True, 1)
         with pytest.raises(ValueError, match="for strategy template"):
             Reconstruction(experiment, Architecture.from_row(SMALL), templates=given)

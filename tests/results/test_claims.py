@@ -2,6 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from palpate.experiments import METHODS
 from palpate.learning.rows import EvaluationError
 from palpate.results.bootstrap import Estimate
 from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, claims, decide, verdict
@@ -120,31 +121,26 @@ def test_claims_take_what_the_rule_gives_them():
     assert len({(claim["claim"], claim["split"]) for claim in claims()}) == len(claims()) == 37
 
 
-OURS = {"charts": "pooled", "no_copy": "pooled_no_copy"}  # as the paper's strategies are called in our method
-POOLED = {
-    f"{ours}{name.removeprefix(theirs)}": value
-    for name, value in MEANS.items()
-    for theirs, ours in OURS.items()
-    if name.startswith(f"{theirs}_")
-}
-POOLED_RINGS = {(name.replace("charts", "pooled"), ring): value for (name, ring), value in RINGS.items()}
+OURS = {f"template{name[6:]}": value for name, value in MEANS.items() if name.startswith("charts_")}
 
 
-def of_both(pooled=POOLED) -> tuple[pd.DataFrame, ...]:
-    rings = synthetic.rings(RINGS | POOLED_RINGS, each=4)
-    return synthetic.evaluations(MEANS | pooled, each=4, spread=1e-4), rings, synthetic.touches(0.01, each=4)
+def of_both(ours=OURS) -> tuple[pd.DataFrame, ...]:
+    rings = synthetic.rings(RINGS, each=4)
+    return synthetic.evaluations(MEANS | ours, each=4, spread=1e-4), rings, synthetic.touches(0.01, each=4)
 
 
 def test_ours_are_decided_by_our_experiments():
     """The paper's means for its own method; ours is worse with touch than without: what touch does not hold for ours
-    alone. Claims that are about the sphere only are not counted twice."""
-    worse = {name: 5 - value if "_touch" in name else value for name, value in POOLED.items()}
+    alone. Claims that are about the sphere only are not counted twice, and those about what ours lacks not at all."""
+    worse = {name: 5 - value if "_touch" in name else value for name, value in OURS.items()}
     table = decide(*of_both(worse), resamples=50)
     paper, ours = (rows.set_index("claim") for _, rows in table.groupby("method", sort=False))
-    assert set(paper["method"]) == {"charts, equation 1 (paper)"} and set(ours["method"]) == {"pooled touch (ours)"}
+    assert set(paper["method"]) == {"charts, equation 1 (paper)"} and set(ours["method"]) == {"template (ours)"}
     assert len(paper) == 37 and (paper["verdict"] == HOLDS).all()
     about_sphere = [name for name in paper.index if "(sphere" in name]
-    assert not set(about_sphere) & set(ours.index)
+    about_others = [name for name in paper.index if "copying" in name.lower() or "ommunication" in name]
+    assert len(about_sphere) == 4 and len(about_others) == 6
+    assert len(ours) == 27 and not {*about_sphere, *about_others} & {*ours.index}
     by_split = ours[ours["split"] == "validation"]
     assert by_split.loc["Touch improves occluded vision (charts)", "verdict"] == FAILS
     assert by_split.loc["Unoccluded vision is better than occluded (charts, vision)", "verdict"] == HOLDS
@@ -154,18 +150,28 @@ def test_ours_are_decided_by_our_experiments():
 
 
 def test_a_method_without_all_experiments_of_a_claim_is_not_judged_by_it():
-    some = {name: value for name, value in POOLED.items() if name.endswith(("occluded", "occluded_touch"))}
-    known = {*MEANS, *some}
-    named = {claim["claim"]: keys(claim) for claim in claims(known) if claim["method"] == "pooled"}
+    known = {*MEANS, *(name for name in OURS if name.endswith(("occluded", "occluded_touch")))}
+    named = {claim["claim"]: keys(claim) for claim in claims(known) if claim["method"] == "template"}
     assert "Touch improves occluded vision (charts)" in named
     assert not [claim for claim in named if "grasps" in claim or "Touch alone" in claim]
+    # Vision alone is the paper's where ours has none.
+    without = {claim["claim"]: keys(claim) for claim in claims(known - {"template_occluded"})}
+    assert without["Touch improves occluded vision (charts)"] == ["template_occluded_touch", "charts_occluded"]
+
+
+def test_a_method_is_compared_with_those_of_the_paper_that_it_does_not_lack(monkeypatch):
+    mine = METHODS["template"]._replace(name="mine", lacks=["no_copy"])
+    monkeypatch.setitem(METHODS, "mine", mine)
+    known = {*MEANS, *(name.replace("template", "mine") for name in OURS)}
+    named = {claim["claim"]: keys(claim) for claim in claims(known) if claim["method"] == "mine"}
     assert named["Communication between charts helps (occluded vision)"] == [
-        "pooled_occluded_touch",
+        "mine_occluded_touch",
         "no_comm_occluded_touch",
     ]
-    # Vision alone is the paper's where ours has none.
-    without = {claim["claim"]: keys(claim) for claim in claims(known - {"pooled_occluded"})}
-    assert without["Touch improves occluded vision (charts)"] == ["pooled_occluded_touch", "charts_occluded"]
+    assert not [claim for claim in named if "copying" in claim.lower()]
+    for unsaid in ({"claims": False}, {"lacks": None}):
+        monkeypatch.setitem(METHODS, "mine", mine._replace(**unsaid))
+        assert "mine" not in {claim["method"] for claim in claims(known)}
 
 
 def test_a_group_holds_if_all_its_claims_do():

@@ -51,7 +51,7 @@ def test_the_same_numbers_give_the_same_bytes(tmp_path, evaluations):
 def test_chosen_grasps_fall_by_what_their_numbers_say(tmp_path):
     """To -25 % at random, to -50 % by the oracle."""
     means = {("a", "random"): [1.0, 0.75], ("a", "oracle"): [1.0, 0.5]}
-    setup = {"a": Experiment("a", "pooled", "unoccluded", True, 1)}
+    setup = {"a": Experiment("a", "template", "unoccluded", True, 1)}
     figures.grasp_selection(synthetic.selections(means, spread=1e-4), setup, tmp_path / "a.png", resamples=50)
     image = imread(tmp_path / "a.png")[..., :3]
     rows = [last_row(image[:, image.shape[1] // 2 :], colour) for colour in (*figures.COLOURS[:2], figures.PALE)]

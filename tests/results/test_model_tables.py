@@ -74,19 +74,19 @@ def test_input_modalities_state_the_papers_averages_only(evaluations):
 def test_ours_stand_beside_the_papers_value_of_the_same_inputs(evaluations):
     setups = {
         "charts_occluded_touch": synthetic.EXPERIMENTS["charts_occluded_touch"],
-        "pooled_occluded_touch": Experiment(
-            "pooled_occluded_touch", "pooled", "occluded", True, 1, weights="pooled_5", correction=CORRECTION
+        "template_occluded_touch": Experiment(
+            "template_occluded_touch", "template", "occluded", True, 1, weights="template_5", correction=CORRECTION
         ),
         "retrieval_touch": Experiment("retrieval_touch", "retrieval", "none", True, 1, correction=CORRECTION),
     }
-    ours = {"charts_occluded_touch": 1.0, "pooled_occluded_touch": 1.5, "retrieval_touch": 4.0}
+    ours = {"charts_occluded_touch": 1.0, "template_occluded_touch": 1.5, "retrieval_touch": 4.0}
     table = tables.input_modalities(synthetic.evaluations(ours, each=4), setups, resamples=100).set_index("experiment")
     assert table["method"].tolist() == [
-        "charts, equation 1 (paper)", "pooled touch (ours)", "retrieval (no training)"
+        "charts, equation 1 (paper)", "template (ours)", "retrieval (no training)"
     ]  # fmt: skip
     assert table["average_paper"].tolist() == [0.991, 0.991, 3.05]
     assert table.loc["retrieval_touch", "average"] == pytest.approx(4.0, abs=0.1)
-    assert table.loc["pooled_occluded_touch", "weights"] == "pooled_5" and table["weights"].isna().sum() == 2
+    assert table.loc["template_occluded_touch", "weights"] == "template_5" and table["weights"].isna().sum() == 2
 
 
 def test_medians_are_over_objects(evaluations):
@@ -107,34 +107,34 @@ def test_medians_are_over_objects(evaluations):
 
 
 def test_the_best_model_stands_beside_retrieval():
-    means = {"charts_a": 1.0, "pooled_a": 0.8, "look_a": 0.4, "look_b": 0.5, "charts_c": 3.0}
+    means = {"charts_a": 1.0, "template_a": 0.8, "look_a": 0.4, "look_b": 0.5, "charts_c": 3.0}
     rows = [
         Experiment("charts_a", "charts", "occluded", True, 1),
-        Experiment("pooled_a", "pooled", "occluded", True, 1, correction=CORRECTION),
+        Experiment("template_a", "template", "occluded", True, 1, correction=CORRECTION),
         Experiment("look_b", "retrieval", "occluded", True, 1),
         Experiment("look_a", "retrieval", "occluded", True, 1, correction=CORRECTION),
         Experiment("charts_c", "charts", "none", True, 1),  # no look-up takes the same
     ]
     frame = synthetic.evaluations(means, each=4, spread=1e-3)
     (row,) = tables.retrieval(frame, {each.name: each for each in rows}, resamples=50).to_dict("records")
-    assert (row["experiment"], row["method"], row["grasps"]) == ("pooled_a", "pooled touch (ours)", 1)
-    ours, theirs = (class_means(frame, name, "test").mean() for name in ("pooled_a", "look_a"))
+    assert (row["experiment"], row["method"], row["grasps"]) == ("template_a", "template (ours)", 1)
+    ours, theirs = (class_means(frame, name, "test").mean() for name in ("template_a", "look_a"))
     assert (row["error"], row["retrieval"], row["ratio"]) == pytest.approx((ours, theirs, ours / theirs))
     of_object = frame[frame["split"] == "test"].groupby(["experiment", "object"])["chamfer"].mean()
-    assert row["ratio_median"] == pytest.approx(of_object["pooled_a"].median() / of_object["look_a"].median())
+    assert row["ratio_median"] == pytest.approx(of_object["template_a"].median() / of_object["look_a"].median())
 
 
 def test_chosen_grasps_have_what_is_left_of_the_first_error():
     """A row a model and strategy, beside what was published elsewhere."""
     means = {("a", "random"): [1.0, 0.9, 0.8], ("a", "oracle"): [1.0, 0.7, 0.6], ("b", "random"): [2.0, 1.9, 1.0]}
     setups = {
-        "b": Experiment("b", "pooled", "unoccluded", True, 2, fewer_grasps=True),
+        "b": Experiment("b", "template", "unoccluded", True, 2, fewer_grasps=True),
         "a": Experiment("a", "charts", "unoccluded", True, 2, fewer_grasps=True),
     }
     frame = synthetic.selections(means)
     table = tables.grasp_selection(frame, setups, resamples=50)
     measured, cited = table[table["source"] == "measured"], table[table["source"] != "measured"]
-    assert measured["method"].str.slice(0, 6).tolist() == ["pooled", "charts", "charts"]
+    assert measured["method"].str.extract(r"(\w+)")[0].tolist() == ["template", "charts", "charts"]
     assert measured["strategy"].tolist() == ["random", "random", "oracle"]
     assert measured["left"].tolist() == pytest.approx([0.5, 0.8, 0.6], abs=0.002)
     assert measured["grasps_0"].tolist() == pytest.approx([2, 1, 1], abs=0.002)

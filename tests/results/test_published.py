@@ -88,27 +88,32 @@ def test_a_split_is_needed_by_a_table_a_claim_or_a_difference(experiment, tables
     assert needed_splits(made, declared) == list(splits)
 
 
-KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "template_occluded_touch", "cloud")
-KNOWN += ("pooled_unoccluded", "sphere_occluded_touch")
+KNOWN = ("charts_occluded", "charts_occluded_touch", "mean_occluded_touch", "template_occluded_touch", "cloud")
+KNOWN += ("template_unoccluded", "sphere_occluded_touch", "retrieval_occluded_touch")
+BOTH = "charts occluded_touch; no_comm occluded_touch"
 
 
 @pytest.mark.parametrize(
     ("papers", "method", "own"),
     [
         ("charts occluded_touch; charts occluded", "charts", "charts occluded_touch; charts occluded"),
-        ("charts occluded_touch x1; cloud", "pooled", "pooled occluded_touch x1; cloud"),
-        ("charts occluded_touch; charts occluded", "pooled", "pooled occluded_touch; charts occluded"),
-        ("charts occluded_touch; no_comm occluded_touch", "template", None),  # of no other use than the charts'
-        ("charts occluded; charts occluded", "pooled", None),  # the same as the paper's
-        ("charts touch", "pooled", None),  # not known
-        ("charts unoccluded", "pooled", "pooled unoccluded"),
-        ("charts occluded_touch x2", "pooled", "pooled occluded_touch x2"),
+        (BOTH, "charts", BOTH),
+        ("charts occluded_touch x1; cloud", "template", "template occluded_touch x1; cloud"),
+        ("charts occluded_touch; charts occluded", "template", "template occluded_touch; charts occluded"),
+        (BOTH, "template", None),  # of no other use than the charts'
+        (BOTH, "mean", "mean occluded_touch; no_comm occluded_touch"),
+        ("charts occluded_touch; no_copy occluded_touch", "mean", None),
+        ("charts occluded; charts occluded", "template", None),  # the same as the paper's
+        ("sphere occluded_touch", "template", None),  # the same, too
+        ("charts touch", "template", None),  # not known
+        ("charts unoccluded", "template", "template unoccluded"),
+        ("charts occluded_touch x2", "template", "template occluded_touch x2"),
         (
             "charts occluded_touch; sphere occluded_touch; charts unoccluded",
-            "pooled",
-            "pooled occluded_touch; sphere occluded_touch; pooled unoccluded",
+            "template",
+            "template occluded_touch; sphere occluded_touch; template unoccluded",
         ),
-        ("pooled occluded_touch; charts occluded_touch", "template", None),  # compares methods already
+        ("charts occluded_touch", "retrieval", None),  # nothing is claimed of it
     ],
 )
 def test_experiments_are_exchanged_whole_or_not(papers, method, own):

@@ -42,7 +42,7 @@ def whole(built, tmp_path_factory):
     )
     table.attrs |= {"decimals": 3, "note": "A note with `code`."}
     write_table(table, run / "tables/input_modalities.csv")
-    methods = ["charts (paper)"] * 3 + ["pooled touch (ours)"]  # the head counts the paper's method
+    methods = ["charts (paper)"] * 3 + ["template (ours)"]  # the head counts the paper's method
     claims = {
         "method": methods,
         "claim": ["Touch helps", "Charts help", "More helps", "Touch helps"],
@@ -148,7 +148,7 @@ def test_the_page_says_what_the_files_hold_is_sorted_by_a_click_and_filtered(who
         ["charts (paper)", "Touch helps", "holds", "5.10"],
         ["charts (paper)", "Charts help", "does not hold", "5.10"],
         ["charts (paper)", "More helps", "undecided", "5.10"],
-        ["pooled touch (ours)", "Touch helps", "holds", "5.10"],
+        ["template (ours)", "Touch helps", "holds", "5.10"],
     ]
     assert found["rows"]["training"] == [["charts_occluded/seed-0", "", "1.250", "20", "30", "1 min 15 s"]]
     # The losses fall from 100 to 1 and from 10 to 1 and back, on a scale of logarithms from 1 to 100.
