@@ -21,7 +21,7 @@ from palpate.learning.touch_charts import TouchReadings, touch_depth_loss, touch
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.losses import Target, Truth, cloud_loss
 from palpate.models.reconstruction import HAND_SENSORS
-from palpate.models.templates import Templates, shrunk
+from palpate.models.templates import LEAST_FITS, Templates, shrunk
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +38,8 @@ class Diverged(RuntimeError):
 class Learner(nn.Module, ABC):
     """A model and how it is trained: `learner(step)` is the loss of a training step. seed: of the order of samples and
     of points. samples: number of training samples. steps: of training; validation_interval: between validations; rank,
-    processes: of those that share a batch, one a GPU; step: begun last; kind: of checkpoints."""
+    processes: of those that share a batch, one a GPU; step: begun last; kind: of checkpoints; choices: of a
+    validation."""
 
     kind: ClassVar[str]
     model: nn.Module
@@ -52,7 +53,7 @@ class Learner(nn.Module, ABC):
         limits = [settings.steps, settings.epochs and settings.epochs * epoch_steps]
         self.steps = min(limit for limit in limits if limit)
         self.validation_interval = min(settings.evaluate_every or epoch_steps, self.steps)
-        self.rank, self.processes, self.step = 0, 1, -1
+        self.rank, self.processes, self.step, self.choices = 0, 1, -1, 1
 
     @abstractmethod
     def training_batch(self, step: int) -> Sequence:
@@ -64,7 +65,8 @@ class Learner(nn.Module, ABC):
 
     @abstractmethod
     def losses(self, batch_samples: Sequence, generator: torch.Generator, validation: bool = False) -> Tensor:
-        """The losses (B,) of some samples, at least one. Raises Diverged if a prediction is not finite."""
+        """The losses (B,) of some samples, at least one; in a validation as `validation_losses`. Raises Diverged if a
+        prediction is not finite."""
 
     @abstractmethod
     def described(self) -> dict[str, Any]:
@@ -107,18 +109,22 @@ class Learner(nn.Module, ABC):
         return self._finite_losses(batch_samples, self.seed, step, f"step {step}").mean()
 
     def validation_losses(self) -> Tensor:
-        """The losses (n,) float64 of this process's share of the validation samples, in batches as of a step."""
+        """The losses (n, c) float64 of this process's share of the validation samples, in batches as of a step, by the
+        c values of what a validation chooses; c is 1 if it chooses nothing."""
         samples, size = self.validation_samples, self.settings.batch
         losses = []
         for number, first in enumerate(range(0, len(samples), size)):
             part = self._share(samples[first : first + size])
             losses.append(self._finite_losses(part, VALIDATION_SEED, number, "the validation", validation=True))
-        return torch.cat(losses).double()
+        return torch.cat(losses).double().reshape(-1, self.choices)
+
+    def choose(self, losses: Tensor) -> None:
+        """Takes what has the least of the mean losses (c,) of a validation."""
 
     def _finite_losses(
         self, batch_samples: Sequence, seed: int, step: int, where: str, validation: bool = False
     ) -> Tensor:
-        """The losses (B,) of a process's share of samples, which may have none."""
+        """The losses (B,), or (B, c), of a process's share of samples, which may have none."""
         if not len(batch_samples):
             return torch.empty(0, device=self.device)
         number = ((seed << 32) + step) * 64 + self.rank
@@ -176,6 +182,7 @@ class ReconstructionLearner(Learner):
         by_grasp = settings.epoch == "grasps" and experiment.takes_grasps
         super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), validation_samples)
         self.data, self.experiment = data, experiment
+        self.choices = len(LEAST_FITS) if templates else 1
         self.template = {number: place for place, number in enumerate(train)}
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:
@@ -195,20 +202,34 @@ class ReconstructionLearner(Learner):
         )
 
     def losses(self, batch_samples: Sequence[Sample], generator: torch.Generator, validation: bool = False) -> Tensor:
-        """The network's own loss; in a validation the Chamfer distance of what it predicts."""
+        """The network's own loss; in a validation the Chamfer distance of what it predicts, of a model with templates
+        by each of `LEAST_FITS`."""
         model, batch = self.model, self.assemble(batch_samples)
         if self.experiment.plan.start == "templates":  # an object is no template of its own
             batch["excluded"] = torch.tensor([self.template.get(sample.object, -1) for sample in batch_samples])
             batch["start"] = self._start(batch_samples, batch)
-        predictions = [model(batch)] if validation else model.stages(batch)
+        alternatives = model.alternatives if isinstance(model, Reconstruction) else lambda batch: [model(batch)]
+        predictions = alternatives(batch) if validation else model.stages(batch)
         for prediction in predictions:
             self.check_finite("the prediction", prediction, batch_samples)
         points = self.settings.validation_points if validation else self.settings.loss_points
         target = Target(self.truth, [sample.object for sample in batch_samples], points, generator)
         with torch.autocast(self.device.type, enabled=False):
-            if validation:
-                return cloud_loss(model.sample(predictions[-1].float(), points, generator), target)
-            return model.loss(predictions, target)
+            if not validation:
+                return model.loss(predictions, target)
+            state, losses = generator.get_state(), []
+            for prediction in predictions:  # at the same random points
+                generator.set_state(state)
+                losses.append(cloud_loss(model.sample(prediction.float(), points, generator), target))
+            if len(losses) == 1:
+                return losses[0]
+            begun, other = (each[:, None] for each in losses)
+            fit = cast(Templates, model.templates).fit(batch)[:, None]
+            return torch.where(fit >= LEAST_FITS.to(self.device), begun, other)
+
+    def choose(self, losses: Tensor) -> None:
+        if self.experiment.plan.start == "templates":
+            cast(Templates, self.model.templates).least_fit.fill_(LEAST_FITS[losses.argmin()])
 
     def _start(self, batch_samples: Sequence[Sample], batch: Mapping[str, Tensor]) -> Tensor:
         """The start (1824, B, 3) m of samples and their batch, which has no weights in it: once of the same inputs."""

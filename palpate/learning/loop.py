@@ -120,13 +120,14 @@ class Training:
 
     @torch.inference_mode()
     def _validation_loss(self) -> float:
-        """The mean loss of the validation samples of all processes."""
+        """The mean loss of the validation samples of all processes, by what they choose."""
         self.module.eval()
         with self.fabric.autocast():
             losses = self.learner.validation_losses()
-        total = torch.stack([losses.sum(), losses.new_tensor(float(len(losses)))])
-        loss, count = cast(torch.Tensor, self.fabric.all_reduce(total, reduce_op="sum"))
-        return float(loss / count)
+        count = losses.new_tensor(float(len(losses)))
+        total, count = (cast(torch.Tensor, self.fabric.all_reduce(n, reduce_op="sum")) for n in (losses.sum(0), count))
+        self.learner.choose(total / count)
+        return float((total / count).min())
 
     def _save(self) -> None:
         """Write the state, and the model if it is the best so far."""

@@ -116,8 +116,8 @@ class Reconstruction(nn.Module):
         init, inputs = architecture.init, image_features + vertex_features + reading_features
         own = vertex_features, gcn, init, architecture.last_layer_scale, inputs
         self.gcn = GraphNetwork(*own)
-        # Where no template is like what is seen, charts begin as a sphere, with a network of their own.
-        self.sphere_gcn = GraphNetwork(*own) if templates is not None and experiment.has_vision else None
+        # Where no template fits a sample well, charts begin as a sphere, with a network of their own.
+        self.sphere_gcn = GraphNetwork(*own) if templates is not None else None
         # The first layer's weights, by what they are applied to; those of a vertex's own inputs are in `gcn`.
         width = self.gcn.outputs
         for name, rows in (("image_weight", image_features), ("reading_weight", reading_features)):
@@ -139,7 +139,7 @@ class Reconstruction(nn.Module):
     def shows_touch(self) -> bool:  # whether the mesh has touch charts, copied or deformed
         return self.copies_touch or self.graph.touch_charts > 0
 
-    def forward(self, batch: Batch) -> Tensor:
+    def forward(self, batch: Batch, closed: bool = False) -> Tensor:
         """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
 
         batch, of what the experiment uses (all but the image in the world frame, metres). T is s x grasps; touches
@@ -158,16 +158,21 @@ class Reconstruction(nn.Module):
         | `camera_number` | (B,) int64 | vision, `template` |
         | `start` | (1824, B, 3), what `templates` gives, if it is known | `template` |
 
-        Raises ValueError if a key is missing, of another shape or type."""
-        number = self._check_shapes(batch)
-        if self.templates is not None and self.sphere_gcn is not None:
-            known = self.templates.known(batch)
-            found = self._predictions(batch, number, known)
-            positions = torch.where(known[:, None], found[0], found[-1])
-        else:
-            positions = self._predictions(batch, number)[0]
+        closed: of a model with `templates` the vision charts become one closed, smoother surface. Raises ValueError if
+        a key is missing, of another shape or type."""
+        number, known = self._check_shapes(batch), None
         if self.templates is not None:
-            positions = smoothed(positions)
+            known = self.templates.known(batch)
+        found = self._predictions(batch, number, known)
+        positions = found[0] if known is None else torch.where(known[:, None], found[0], found[-1])
+        return self._finished(smoothed(positions) if closed and known is not None else positions, batch)
+
+    def alternatives(self, batch: Batch) -> list[Tensor]:
+        """As `forward`, by each graph network."""
+        return [self._finished(found, batch) for found in self._predictions(batch, self._check_shapes(batch))]
+
+    def _finished(self, positions: Tensor, batch: Batch) -> Tensor:
+        """Vertices (B, V, 3) of the mesh, from those (V, B, 3) that a graph network gives."""
         if self.experiment.correction and self.experiment.touch:
             count, correction = len(self.start), self.experiment.correction
             faces = _below(self.moving_faces, count)
@@ -243,7 +248,7 @@ class Reconstruction(nn.Module):
         """What `forward` predicts of each sample as a mesh: vertices (V, 3) float32, metres, world frame, and faces
         (F, 3). Of a batch with a `mask` without the faces of vision charts that it shows to be empty space, unless
         `closed`."""
-        predicted = enumerate(self(batch).float())
+        predicted = enumerate(self(batch, closed).float())
         return [(vertices, self._shown(vertices, batch, sample, closed)) for sample, vertices in predicted]
 
     def _shown(self, vertices: Tensor, batch: Batch, sample: int, closed: bool) -> Tensor:

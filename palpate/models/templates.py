@@ -14,7 +14,7 @@ from palpate.charts import sample_faces, sphere, vision_atlas
 from palpate.charts.graph import mesh_edges
 from palpate.experiments import Correction
 from palpate.models.kriging import displaced, nearest_on_faces, touched_points
-from palpate.models.retrieval import EXCLUDED, Objects
+from palpate.models.retrieval import EXCLUDED, FARTHEST, TOUCH_WEIGHT, Objects
 
 MASK = 64  # pixels along an edge of the silhouettes that are compared
 POINTS = 5000  # on a template, to which touched points' distances are measured
@@ -24,7 +24,8 @@ TOUCH_SCALE = 100.0  # m^-2, in the covariance's exponent, of the mean squared d
 NUGGET = 0.02  # of the covariance: what differs between objects that feel alike
 # Of silhouettes: scales of their intersection over union in the exponent, and nuggets, to choose among
 SCALES, NUGGETS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0), (0.003, 0.01, 0.02, 0.05, 0.1)
-KNOWN = 0.6  # of an intersection over union: a template as like a sample as this makes it one to begin with
+# Of how well the best template fits a sample, to choose among: with less than this a sample begins as a sphere
+LEAST_FITS = torch.cat([torch.linspace(0, 1, 21, dtype=torch.float64), torch.tensor([2.0])])
 NOISE = 0.01  # m, of a touched point's distance to the surface
 ROUNDS = 3  # of looking for the face that is nearest to a touched point, and of conditioning
 BENT = Correction(0.08, 0.03)  # of a start to the touched points
@@ -35,11 +36,12 @@ class Templates(nn.Module):
     """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best,
     `conditioned` by the touched points and bent to them. shapes: (T, 1154, 3) m, fits of `sphere()` to the objects
     (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64) uint8, as k cameras see them, by `shrunk`; None without vision.
-    kernel: (2,) float64, of silhouettes: scale and nugget; None: `likely_kernel`."""
+    kernel: (2,) float64, of silhouettes: scale and nugget; None: `likely_kernel`. least_fit: () float64, of `fit`."""
 
     shapes: Tensor
     masks: Tensor | None
     kernel: Tensor | None
+    least_fit: Tensor
 
     def __init__(self, shapes: Tensor, masks: Tensor | None = None, kernel: Tensor | None = None):
         super().__init__()
@@ -48,6 +50,7 @@ class Templates(nn.Module):
         if kernel is None and masks is not None:
             kernel = likely_kernel(shapes, masks[:, 0])
         self.register_buffer("kernel", kernel)
+        self.register_buffer("least_fit", LEAST_FITS[0].clone())  # a training chooses it
 
     @cached_property
     def objects(self) -> Objects:
@@ -63,9 +66,19 @@ class Templates(nn.Module):
         with torch.autocast(self.shapes.device.type, enabled=False):
             return self._start(batch).transpose(0, 1)
 
+    def fit(self, batch: Mapping[str, Tensor]) -> Tensor:
+        """How well (B,) the best template fits each sample, at most 1: the intersection over union of silhouettes or,
+        without an image, the share of 5 cm that is left of the root mean square distance of the touched points."""
+        if "mask" in batch:
+            fits = self.objects.overlap(_searched(batch, SILHOUETTE)).amax(dim=1)
+        else:
+            squares = -self.objects.best(_searched(batch, TOUCH))[1][:, 0] / TOUCH_WEIGHT
+            fits = 1 - squares.clamp(min=0).sqrt() / FARTHEST
+        return fits.double().to(self.shapes.device)
+
     def known(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """Whether (B,) the silhouette of some template is like each sample's: an intersection over union of `KNOWN`."""
-        return (self.objects.overlap(_searched(batch, SILHOUETTE)).amax(dim=1) >= KNOWN).to(self.shapes.device)
+        """Whether (B,) each sample begins with templates: one of them fits it well enough."""
+        return self.fit(batch) >= self.least_fit
 
     def _start(self, batch: Mapping[str, Tensor]) -> Tensor:
         keys, count = (SILHOUETTE, NEIGHBOURS) if "mask" in batch else (TOUCH, TOUCH_NEIGHBOURS)

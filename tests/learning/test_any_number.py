@@ -16,7 +16,7 @@ from palpate.learning.loop import train
 from palpate.learning.samples import Assembler, Sample, training_samples, windows
 from palpate.models.kriging import touched_points
 from palpate.models.retrieval import Objects
-from palpate.models.templates import smoothed
+from palpate.models.templates import LEAST_FITS
 from palpate.strategies import STRATEGIES, Template
 from tests.learning.conftest import SETTINGS, made_up
 from tests.learning.test_loop import CPU
@@ -103,7 +103,31 @@ def test_a_start_is_made_once_of_the_same_inputs_and_is_the_same(monkeypatch, vi
     assert len(searched) == starts + 2 * len(samples)
     with torch.inference_mode():  # as a validation
         kept.losses([samples[-1]], torch.Generator(), validation=True)
-    assert len(searched) == starts + 2 * len(samples)
+    assert len(searched) == starts + 2 * len(samples) + (vision == "none")  # the fit of the best template
+
+
+@pytest.mark.parametrize("vision", ["unoccluded", "none"])
+def test_a_validation_chooses_how_well_a_template_has_to_fit(monkeypatch, vision):
+    """The losses of every choice against what the model predicts with it, and the choice of the least."""
+    data = made_up(vision, "charts", grasps=2)
+    experiment = row("template", vision, grasps=2, fewer_grasps=True, correction=Correction(0.08, 0.3))
+    learner = ReconstructionLearner(data, experiment, replace(SETTINGS, batch=2), 0)
+    learner.begin()
+    model, fits = learner.model.eval(), torch.tensor([0.42, 0.77], dtype=torch.float64)
+    monkeypatch.setattr(model.templates, "fit", lambda batch: fits[: len(next(iter(batch.values())))])
+    for network, scale in ((model.gcn, 0.0), (model.sphere_gcn, 1e-2)):
+        torch.nn.init.normal_(network.layers[-1].weight, std=scale)
+    with torch.no_grad():
+        losses = learner.validation_losses()
+        monkeypatch.setattr(model, "alternatives", lambda batch: [model(batch)])
+        learner.choices = 1
+        for column, least in enumerate(LEAST_FITS):
+            model.templates.least_fit.fill_(least)
+            torch.testing.assert_close(learner.validation_losses()[:, 0], losses[:, column])
+    assert len(losses.unique(dim=1).T) == 3  # both fit well enough, one, none
+    for best in (3, 12, 21):
+        learner.choose(torch.ones(len(LEAST_FITS)).index_fill(0, torch.tensor(best), 0.5))
+        assert model.templates.least_fit == LEAST_FITS[best]
 
 
 class NotCopied(Template):
@@ -186,8 +210,6 @@ def test_the_correction_moves_vision_charts_to_the_touched_points(strategy, visi
     batch["start"] = plain.start[:, None]  # a sphere: what templates give is at the touched points already
     with torch.no_grad():
         before, after, *trained = plain(batch), bent(batch), *bent.stages(batch)  # these are without
-        if strategy == "template":
-            trained = [smoothed(stage.transpose(0, 1)).transpose(0, 1) for stage in trained]
         assert any(torch.equal(stage[:, :VISION], before[:, :VISION]) for stage in trained)
         if vision != "none":
             none = Assembler(data, experiment)([Sample(0, (0,), touched=0)])

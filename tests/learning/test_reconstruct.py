@@ -195,7 +195,7 @@ def test_a_closed_surface_has_what_the_silhouette_shows_to_be_empty_space(run, d
     mask[100:150, 100:150] = False  # seen through
     silhouette = silhouette._replace(mask=mask, hand=None)
     cut, closed = (model(*given, silhouette, closed) for closed in (False, True))
-    np.testing.assert_array_equal(cut.vertices, closed.vertices)
+    np.testing.assert_allclose(cut.vertices, closed.vertices, rtol=0, atol=0.005)  # smoothed where it is closed
     assert {tuple(face) for face in cut.faces} < {tuple(face) for face in closed.faces}
     assert cut.touch.sum() == closed.touch.sum() > 0 and len(closed.faces) == 2304 + closed.touch.sum()
     for shape, watertight in ((cut, False), (closed, True)):

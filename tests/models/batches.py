@@ -24,6 +24,9 @@ COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK  # of templates; of cameras; pixels along
 KERNEL = torch.tensor([2.0, NUGGET], dtype=torch.float64)
 
 
+LEAST_FIT = 0.6  # some samples of a test fit as well, others not
+
+
 def templates(vision=True, seed=0):
     """Ellipsoids of random sizes, and discs for silhouettes."""
     random = torch.Generator().manual_seed(seed)
@@ -34,7 +37,9 @@ def templates(vision=True, seed=0):
     rows, columns = torch.meshgrid(*[torch.linspace(0, 1, SIZE)] * 2, indexing="ij")
     away = (rows - 0.3 - 0.4 * middle[:, :, 0]).square() + (columns - 0.3 - 0.4 * middle[:, :, 1]).square()
     masks = away < (0.15 + 0.2 * radius[:, :, 0]).square()
-    return Templates(vertices, shrunk(masks) if vision else None, KERNEL if vision else None), masks
+    made = Templates(vertices, shrunk(masks) if vision else None, KERNEL if vision else None)
+    made.least_fit.fill_(LEAST_FIT)
+    return made, masks
 
 
 def silhouettes(samples: int) -> dict:

@@ -153,15 +153,25 @@ def attended_touches(
 
 
 def known(model: Reconstruction, batch: dict) -> torch.Tensor:
-    """(B,) whether the silhouette of a template has an intersection over union of 0.6 with a sample's, beside its hand.
-    Pixels are shares that are covered, of 64 along an edge."""
+    """(B,) whether the silhouette of a template has an intersection over union of `least_fit` with a sample's, beside
+    its hand. Pixels are shares that are covered, of 64 along an edge. Without an image, whether the touched points are
+    as near to a template."""
     found = []
+    if "mask" not in batch:
+        charts = batch["charts"].unflatten(2, (9, 9))[:, :, ::4, ::4].flatten(2, 3)
+        for sample, success in zip(charts, batch["success"].bool(), strict=True):
+            places = sample[success].flatten(0, 1).double()
+            clouds = model.templates.objects.points.double()
+            nearest = [torch.cdist(places, cloud).amin(dim=1).clamp(max=0.05) for cloud in clouds]
+            least = min(each.square().mean().sqrt() for each in nearest) if len(places) else 0.0
+            found.append(1 - torch.as_tensor(least) / 0.05 >= model.templates.least_fit)
+        return torch.stack(found)
     for mask, hand, camera in zip(batch["mask"], batch["hand"], batch["camera_number"], strict=True):
         seen, free = (each.double().reshape(64, len(each) // 64, 64, -1).mean(dim=(1, 3)) for each in (mask, ~hand))
         others = [template / 255 * free for template in model.templates.masks[:, camera].double()]
         both = [(seen * other).sum() for other in others]
         alike = [one / (seen.sum() + other.sum() - one) for one, other in zip(both, others, strict=True)]
-        found.append(max(alike) >= 0.6)
+        found.append(max(alike) >= model.templates.least_fit)
     return torch.stack(found)
 
 
@@ -198,8 +208,8 @@ def graph_network(
     return features
 
 
-def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> torch.Tensor:
-    """What `model(batch)` computes: (B, V, 3) vertices. adjacency: `dense_adjacency(model.graph)`."""
+def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor, closed: bool = False) -> torch.Tensor:
+    """What `model(batch, closed)` computes: (B, V, 3) vertices. adjacency: `dense_adjacency(model.graph)`."""
     samples = len(next(iter(batch.values())))
     dtype = next(model.parameters()).dtype
     start = sphere()[0] if model.experiment.strategy == "sphere" else vision_atlas().vertices
@@ -216,10 +226,10 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
         positions = deformed(model, model.gcn, positions, touch, batch, adjacency)
     else:
         alike = deformed(model, model.gcn, model.templates(batch).transpose(0, 1), touch, batch, adjacency)
-        if model.experiment.has_vision:
-            other = deformed(model, model.sphere_gcn, positions, touch, batch, adjacency)
-            alike = torch.where(known(model, batch)[:, None, None], alike, other)
-        positions = smoothing().to(dtype) @ alike
+        other = deformed(model, model.sphere_gcn, positions, touch, batch, adjacency)
+        positions = torch.where(known(model, batch)[:, None, None], alike, other)
+        if closed:
+            positions = smoothing().to(dtype) @ positions
     if model.copies_touch:
         positions = torch.cat([positions, touch], dim=1)
     return positions
