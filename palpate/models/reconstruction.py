@@ -255,8 +255,9 @@ class Reconstruction(nn.Module):
         faces = _below(self.faces, len(vertices))
         if closed or not self.experiment.takes_masks:
             return faces
-        known = (faces >= len(self.start)).any(dim=1)  # touch charts
-        return faces[known | inside(vertices[faces], batch, sample)]
+        shown = (faces >= len(self.start)).any(dim=1)  # touch charts
+        shown[~shown] = inside(vertices[faces[~shown]], batch, sample)
+        return faces[shown]
 
     def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Points (B, n, 3) on the meshes whose vertices `forward` predicts, uniform by area."""

@@ -95,6 +95,32 @@ def test_a_shape_is_inside_by_all_its_corners_and_its_centre():
     assert inside(torch.stack(beside)[None], seen(mask, camera), 0).tolist() == [True]
 
 
+def test_where_no_vision_chart_is_inside_all_stay_whatever_was_touched():
+    """A touch that projects onto the silhouette does not make a shape of what is beside it."""
+    torch.manual_seed(0)
+    model = Reconstruction(
+        Experiment("model", "template", "unoccluded", True, 1), Architecture.from_row(SMALL), templates=templates()[0]
+    ).eval()
+    batch = random_batch(1, 1, dtype=torch.float32)
+    side = batch["image"].shape[-1]
+    batch |= {"mask": torch.zeros(1, side, side, dtype=torch.bool), "camera_number": torch.zeros(1, dtype=torch.int64)}
+    matrix = batch["camera"][0].double()
+    row = column = 2  # a corner that the vision charts do not reach
+    eye = -torch.linalg.solve(matrix[:, :3], matrix[:, 3])
+    ray = torch.linalg.solve(matrix[:, :3], torch.tensor([column + 0.5, row + 0.5, 1.0]).double())
+    batch["mask"][0, row, column] = True
+    batch["success"][:] = True
+    batch["charts"][:] = (eye + 0.9 * ray).float()
+    batch["start"] = model.start[:, None].float()
+    for network in (model.gcn, model.sphere_gcn):
+        for parameter in network.layers[-1].parameters():
+            torch.nn.init.zeros_(parameter)
+    with torch.inference_mode():
+        ((vertices, faces),) = model.meshes(batch)
+    assert outside(vertices[:1824], batch, 0).all() and not outside(vertices[1824:], batch, 0).any()
+    assert len(faces) == 2304 + 4 * 128
+
+
 @pytest.mark.parametrize("vision", ["unoccluded", "occluded"])
 def test_a_model_leaves_out_the_faces_beside_the_silhouette_but_no_touch(vision):
     torch.manual_seed(0)
