@@ -17,14 +17,23 @@ def face_areas(corners: Tensor) -> Tensor:
     return areas / 2
 
 
-def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
+def sample_faces(
+    vertices: Tensor,
+    faces: Tensor,
+    n: int,
+    generator: torch.Generator | None = None,
+    shown: Tensor | None = None,
+) -> Tensor:
     """Random points (B, n, 3) on each mesh of a batch, uniform by area (Osada et al. 2002, "Shape Distributions"). They
     move with the corners of their faces (Smith et al. 2019, GEOMetrics). A face without area is never chosen. vertices:
     (B, V, 3). faces: (F, 3), of all meshes. generator: on the CPU or the vertices' device; None: the default one.
-    Raises ValueError if a vertex is NaN or infinite, or a mesh has no area."""
+    shown: (B, F) bool, the faces that each mesh has; None: all. Raises ValueError if a vertex is NaN or infinite, or a
+    mesh has no area."""
     corners = vertices[:, faces]  # (B, F, 3, 3)
     with torch.no_grad():
         areas = face_areas(corners.detach())
+        if shown is not None:
+            areas = areas * shown
         reached = areas.cumsum(dim=1)
         total = reached[:, -1:]
         if not torch.isfinite(total).all():

@@ -16,12 +16,21 @@ from palpate.experiments import Experiment
 from palpate.learning import checkpoints
 from palpate.learning.data import ExperimentData, ExperimentDataError
 from palpate.learning.recipes import ReconstructionSettings, Settings, TouchDepthSettings
-from palpate.learning.samples import Assembler, Sample, grasps_per_sample, shuffled, spread, training_samples, windows
+from palpate.learning.samples import (
+    Assembler,
+    Sample,
+    grasps_per_sample,
+    in_batches,
+    shuffled,
+    spread,
+    training_samples,
+    windows,
+)
 from palpate.learning.touch_charts import TouchReadings, touch_depth_loss, touched
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.losses import Target, Truth, cloud_loss
 from palpate.models.reconstruction import HAND_SENSORS
-from palpate.models.templates import LEAST_FITS, Templates, shrunk
+from palpate.models.templates import LEAST_FITS, Templates, is_touched, shrunk
 
 log = logging.getLogger(__name__)
 
@@ -38,22 +47,23 @@ class Diverged(RuntimeError):
 class Learner(nn.Module, ABC):
     """A model and how it is trained: `learner(step)` is the loss of a training step. seed: of the order of samples and
     of points. samples: number of training samples. steps: of training; validation_interval: between validations; rank,
-    processes: of those that share a batch, one a GPU; step: begun last; kind: of checkpoints; choices: of a
-    validation."""
+    processes: of those that share a batch, one a GPU; step: begun last; kind: of checkpoints; choices: how many of
+    each thing that a validation chooses."""
 
     kind: ClassVar[str]
     model: nn.Module
     settings: Settings
 
-    def __init__(self, model: nn.Module, settings: Settings, seed: int, samples: int, validation_samples: Sequence):
+    def __init__(self, model: nn.Module, settings: Settings, seed: int, samples: int, validation_batches: Sequence):
         super().__init__()
         self.model, self.settings, self.seed = model, settings, seed
-        self.validation_samples = validation_samples
+        self.validation_batches: Sequence[Sequence] = validation_batches
         epoch_steps = -(-samples // settings.batch)
         limits = [settings.steps, settings.epochs and settings.epochs * epoch_steps]
         self.steps = min(limit for limit in limits if limit)
         self.validation_interval = min(settings.evaluate_every or epoch_steps, self.steps)
-        self.rank, self.processes, self.step, self.choices = 0, 1, -1, 1
+        self.rank, self.processes, self.step = 0, 1, -1
+        self.choices: tuple[int, ...] = ()
 
     @abstractmethod
     def training_batch(self, step: int) -> Sequence:
@@ -109,24 +119,23 @@ class Learner(nn.Module, ABC):
         return self._finite_losses(batch_samples, self.seed, step, f"step {step}").mean()
 
     def validation_losses(self) -> Tensor:
-        """The losses (n, c) float64 of this process's share of the validation samples, in batches as of a step, by the
-        c values of what a validation chooses; c is 1 if it chooses nothing."""
-        samples, size = self.validation_samples, self.settings.batch
-        losses = []
-        for number, first in enumerate(range(0, len(samples), size)):
-            part = self._share(samples[first : first + size])
+        """The losses (n, *choices) float64 of this process's share of the validation samples."""
+        losses = [torch.empty(0, *self.choices, device=self.device)]
+        for number, batch_samples in enumerate(self.validation_batches):
+            part = self._share(batch_samples)
             losses.append(self._finite_losses(part, VALIDATION_SEED, number, "the validation", validation=True))
-        return torch.cat(losses).double().reshape(-1, self.choices)
+        return torch.cat(losses).double()
 
-    def choose(self, losses: Tensor) -> None:
-        """Takes what has the least of the mean losses (c,) of a validation."""
+    def choose(self, losses: Tensor) -> Tensor:
+        """Takes what has the least of the mean losses (*choices) of a validation; returns that loss."""
+        return losses
 
     def _finite_losses(
         self, batch_samples: Sequence, seed: int, step: int, where: str, validation: bool = False
     ) -> Tensor:
-        """The losses (B,), or (B, c), of a process's share of samples, which may have none."""
+        """The losses (B,), or (B, *choices), of a process's share of samples, which may have none."""
         if not len(batch_samples):
-            return torch.empty(0, device=self.device)
+            return torch.empty(0, *self.choices if validation else (), device=self.device)
         number = ((seed << 32) + step) * 64 + self.rank
         losses = self.losses(batch_samples, torch.Generator().manual_seed(number % (1 << 63)), validation)
         self.check_finite("the loss", losses, batch_samples, where)
@@ -162,12 +171,12 @@ class ReconstructionLearner(Learner):
             architecture = replace(architecture, radius=radius_around(data.largest))
         train = data.of_split("train")
         validation_samples = spread(windows(data, experiment, "validation"), settings.validation_samples)
-        if experiment.fewer_grasps:  # batch by batch another number of touched grasps
-            counts = range(experiment.fewest_grasps, grasps_per_sample(data, experiment) + 1)
-            validation_samples = [
-                sample._replace(touched=counts[k // settings.batch % len(counts)])
-                for k, sample in enumerate(validation_samples)
-            ]
+        batches = in_batches(validation_samples, settings.batch)
+        if experiment.fewer_grasps:  # batch by batch another number of touched grasps, and none if it takes none
+            counts = range(1, grasps_per_sample(data, experiment) + 1)
+            touched = [(part, counts[number % len(counts)]) for number, part in enumerate(batches)]
+            untouched = [(part, 0) for part in batches] if experiment.fewest_grasps == 0 else []
+            batches = [[sample._replace(touched=n) for sample in part] for part, n in touched + untouched]
         for split, number in {"train": len(train), "validation": len(validation_samples)}.items():
             if not number:
                 raise ExperimentDataError(f"{data.source}: no object of the {split} split: more objects are needed")
@@ -180,9 +189,9 @@ class ReconstructionLearner(Learner):
                 templates = Templates(torch.from_numpy(data["template"][train]), masks)
             model = checkpoints.build(experiment, architecture, hand_sensors, data.sensor, templates)
         by_grasp = settings.epoch == "grasps" and experiment.takes_grasps
-        super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), validation_samples)
+        super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), batches)
         self.data, self.experiment = data, experiment
-        self.choices = len(LEAST_FITS) if templates else 1
+        self.choices = (2, len(LEAST_FITS)) if templates else ()  # without touched points, and with
         self.template = {number: place for place, number in enumerate(train)}
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:
@@ -203,7 +212,7 @@ class ReconstructionLearner(Learner):
 
     def losses(self, batch_samples: Sequence[Sample], generator: torch.Generator, validation: bool = False) -> Tensor:
         """The network's own loss; in a validation the Chamfer distance of what it predicts, of a model with templates
-        by each of `LEAST_FITS`."""
+        by each of `LEAST_FITS`, and 0 by those that are not of the sample."""
         model, batch = self.model, self.assemble(batch_samples)
         if self.experiment.plan.start == "templates":  # an object is no template of its own
             batch["excluded"] = torch.tensor([self.template.get(sample.object, -1) for sample in batch_samples])
@@ -220,16 +229,19 @@ class ReconstructionLearner(Learner):
             state, losses = generator.get_state(), []
             for prediction in predictions:  # at the same random points
                 generator.set_state(state)
-                losses.append(cloud_loss(model.sample(prediction.float(), points, generator), target))
-            if len(losses) == 1:
+                losses.append(cloud_loss(model.sample(prediction.float(), batch, points, generator), target))
+            if not self.choices:
                 return losses[0]
             begun, other = (each[:, None] for each in losses)
             fit = cast(Templates, model.templates).fit(batch)[:, None]
-            return torch.where(fit >= LEAST_FITS.to(self.device), begun, other)
+            by_fit = torch.where(fit >= LEAST_FITS.to(self.device), begun, other)
+            touched = is_touched(batch, len(fit)).to(self.device)
+            return torch.stack([~touched, touched], dim=1)[:, :, None] * by_fit[:, None]
 
-    def choose(self, losses: Tensor) -> None:
-        if self.experiment.plan.start == "templates":
-            cast(Templates, self.model.templates).least_fit.fill_(LEAST_FITS[losses.argmin()])
+    def choose(self, losses: Tensor) -> Tensor:
+        if self.choices:
+            cast(Templates, self.model.templates).least_fit.copy_(LEAST_FITS[losses.argmin(dim=1).cpu()])
+        return losses.amin(dim=1).sum() if self.choices else losses
 
     def _start(self, batch_samples: Sequence[Sample], batch: Mapping[str, Tensor]) -> Tensor:
         """The start (1824, B, 3) m of samples and their batch, which has no weights in it: once of the same inputs."""
@@ -270,7 +282,7 @@ class TouchDepthLearner(Learner):
         count = min(settings.validation_samples or len(validation), len(validation))
         # Evenly, not the first: touches come object by object.
         chosen = torch.arange(count) * len(validation) // count
-        super().__init__(model, settings, seed, len(train), chosen.tolist())
+        super().__init__(model, settings, seed, len(train), in_batches(chosen.tolist(), settings.batch))
         self.touches = {"train": train, "validation": validation}
 
     def begin(self, rank: int = 0, processes: int = 1) -> None:

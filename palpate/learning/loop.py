@@ -126,8 +126,7 @@ class Training:
             losses = self.learner.validation_losses()
         count = losses.new_tensor(float(len(losses)))
         total, count = (cast(torch.Tensor, self.fabric.all_reduce(n, reduce_op="sum")) for n in (losses.sum(0), count))
-        self.learner.choose(total / count)
-        return float((total / count).min())
+        return float(self.learner.choose(total / count))
 
     def _save(self) -> None:
         """Write the state, and the model if it is the best so far."""
@@ -191,7 +190,7 @@ def train(
     summary = {
         **learner.stated(),
         "parameters": sum(weights.numel() for weights in learner.model.parameters()),
-        "validated": len(learner.validation_samples),
+        "validated": sum(map(len, learner.validation_batches)),
         "steps": training.done,
         "best_step": training.best["step"],
         "validation_loss": training.best["validation_loss"],

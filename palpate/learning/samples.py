@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import groupby
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -14,6 +14,9 @@ from palpate.learning.inputs import inputs
 from palpate.strategies import CAMERAS
 
 WITHOUT_TOUCH = 0.5  # share of steps; with fewer, vision alone learns less (docs/evidence/trials.md)
+
+
+S = TypeVar("S")
 
 
 class Sample(NamedTuple):
@@ -61,6 +64,11 @@ def spread(samples: Sequence[Sample], per_object: int | None) -> list[Sample]:
         count = min(per_object or total, total)
         chosen += [windows[k] for k in sorted((order + j * total // count) % total for j in range(count))]
     return chosen
+
+
+def in_batches(samples: Sequence[S], size: int) -> list[Sequence[S]]:
+    """The samples in order, `size` at a time; the last batch has what is left."""
+    return [samples[first : first + size] for first in range(0, len(samples), size)]
 
 
 def shuffled(count: int, size: int, seed: int | Sequence[int], step: int) -> np.ndarray:

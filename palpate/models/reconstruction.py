@@ -248,20 +248,26 @@ class Reconstruction(nn.Module):
         """What `forward` predicts of each sample as a mesh: vertices (V, 3) float32, metres, world frame, and faces
         (F, 3). Of a batch with a `mask` without the faces of vision charts that it shows to be empty space, unless
         `closed`."""
-        predicted = enumerate(self(batch, closed).float())
-        return [(vertices, self._shown(vertices, batch, sample, closed)) for sample, vertices in predicted]
+        predicted = self(batch, closed).float()
+        faces, shown = _below(self.faces, predicted.shape[1]), None if closed else self._shown(predicted, batch)
+        return [
+            (vertices, faces if shown is None else faces[shown[sample]]) for sample, vertices in enumerate(predicted)
+        ]
 
-    def _shown(self, vertices: Tensor, batch: Batch, sample: int, closed: bool) -> Tensor:
-        faces = _below(self.faces, len(vertices))
-        if closed or not self.experiment.takes_masks:
-            return faces
-        shown = (faces >= len(self.start)).any(dim=1)  # touch charts
-        shown[~shown] = inside(vertices[faces[~shown]], batch, sample)
-        return faces[shown]
+    def _shown(self, vertices: Tensor, batch: Batch) -> Tensor | None:
+        """Which faces (B, F) the meshes with vertices (B, V, 3) have; None: all."""
+        if not self.experiment.takes_masks:
+            return None
+        faces = _below(self.faces, vertices.shape[1])
+        shown = (faces >= len(self.start)).any(dim=1).repeat(len(vertices), 1)  # touch charts
+        for sample, row in enumerate(shown):
+            row[~row] = inside(vertices[sample, faces[~row]], batch, sample)
+        return shown
 
-    def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """Points (B, n, 3) on the meshes whose vertices `forward` predicts, uniform by area."""
-        return sample_faces(prediction, _below(self.faces, prediction.shape[1]), n, generator)
+    def sample(self, prediction: Tensor, batch: Batch, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Points (B, n, 3) on the meshes whose vertices `alternatives` predicts of a batch, uniform by area."""
+        faces = _below(self.faces, prediction.shape[1])
+        return sample_faces(prediction, faces, n, generator, self._shown(prediction, batch))
 
     def _relative(self, positions: Tensor) -> Tensor:
         """Positions (..., 3) as the network takes them: around the object's centre, in radii of the atlas."""

@@ -81,8 +81,11 @@ class SingleImageModel(nn.Module, ABC):
         """What is predicted of each sample, as a mesh. `closed` changes nothing: see `Reconstruction.meshes`."""
         return [self.mesh(prediction) for prediction in self(batch).float()]
 
-    def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """Points (B, n, 3) m, world frame, of predictions (B, ...): uniform by area on the mesh of each."""
+    def sample(
+        self, prediction: Tensor, batch: Mapping[str, Tensor], n: int, generator: torch.Generator | None = None
+    ) -> Tensor:
+        """Points (B, n, 3) m, world frame, of predictions (B, ...): uniform by area on the mesh of each. The batch
+        changes nothing: see `Reconstruction.sample`."""
         meshes = [self.mesh(sample) for sample in prediction]
         return torch.cat([sample_faces(vertices[None], faces, n, generator) for vertices, faces in meshes])
 
@@ -126,7 +129,9 @@ class PointSet(SingleImageModel):
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         return prediction, torch.empty(0, 3, dtype=torch.int64, device=prediction.device)
 
-    def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
+    def sample(
+        self, prediction: Tensor, batch: Mapping[str, Tensor], n: int, generator: torch.Generator | None = None
+    ) -> Tensor:
         """The predicted points as they are, whatever n: there is no surface to sample."""
         return prediction
 

@@ -36,7 +36,8 @@ class Templates(nn.Module):
     """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best,
     `conditioned` by the touched points and bent to them. shapes: (T, 1154, 3) m, fits of `sphere()` to the objects
     (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64) uint8, as k cameras see them, by `shrunk`; None without vision.
-    kernel: (2,) float64, of silhouettes: scale and nugget; None: `likely_kernel`. least_fit: () float64, of `fit`."""
+    kernel: (2,) float64, of silhouettes: scale and nugget; None: `likely_kernel`. least_fit: (2,) float64, of `fit`:
+    without touched points, and with."""
 
     shapes: Tensor
     masks: Tensor | None
@@ -50,7 +51,7 @@ class Templates(nn.Module):
         if kernel is None and masks is not None:
             kernel = likely_kernel(shapes, masks[:, 0])
         self.register_buffer("kernel", kernel)
-        self.register_buffer("least_fit", LEAST_FITS[0].clone())  # a training chooses it
+        self.register_buffer("least_fit", LEAST_FITS[[0, 0]])  # a training chooses it
 
     @cached_property
     def objects(self) -> Objects:
@@ -78,7 +79,8 @@ class Templates(nn.Module):
 
     def known(self, batch: Mapping[str, Tensor]) -> Tensor:
         """Whether (B,) each sample begins with templates: one of them fits it well enough."""
-        return self.fit(batch) >= self.least_fit
+        fits = self.fit(batch)
+        return fits >= self.least_fit[is_touched(batch, len(fits)).long()]
 
     def _start(self, batch: Mapping[str, Tensor]) -> Tensor:
         keys, count = (SILHOUETTE, NEIGHBOURS) if "mask" in batch else (TOUCH, TOUCH_NEIGHBOURS)
@@ -113,6 +115,11 @@ class Templates(nn.Module):
         squares = np.array([np.zeros(len(places)), *(self.objects.squares(int(number), places) for number in numbers)])
         distances = torch.from_numpy(np.sqrt(squares))
         return -TOUCH_SCALE * torch.cdist(distances, distances).square() / max(len(places), 1)
+
+
+def is_touched(batch: Mapping[str, Tensor], samples: int) -> Tensor:
+    """Whether (B,) each sample has touched points."""
+    return batch["success"].bool().any(dim=1) if "success" in batch else torch.zeros(samples, dtype=torch.bool)
 
 
 def _searched(batch: Mapping[str, Tensor], keys: Sequence[str]) -> dict[str, Tensor]:

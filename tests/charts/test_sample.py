@@ -23,6 +23,13 @@ def test_faces_are_chosen_by_area_and_those_without_never():
     assert not torch.equal(points[0], points[1])
 
 
+def test_of_the_faces_that_are_shown_points_are_as_of_a_mesh_that_has_no_others():
+    for shown in ([0, 1, 0, 0, 0, 1], [1, 0, 1, 1, 1, 1], [1] * 6):
+        row = torch.tensor([shown], dtype=torch.bool)
+        given = sample_faces(SQUARES, FACES, 1000, seeded(), row), sample_faces(SQUARES, FACES[row[0]], 1000, seeded())
+        assert torch.equal(*given)
+
+
 def test_points_are_uniform_on_a_face():
     points = sample_faces(SQUARES, FACES[1:3], 40000, seeded(1))[0]
     counts = torch.histogramdd(points[:, :2], bins=8, range=[0, 1, 0, 1]).hist

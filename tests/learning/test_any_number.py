@@ -108,7 +108,7 @@ def test_a_start_is_made_once_of_the_same_inputs_and_is_the_same(monkeypatch, vi
 
 @pytest.mark.parametrize("vision", ["unoccluded", "none"])
 def test_a_validation_chooses_how_well_a_template_has_to_fit(monkeypatch, vision):
-    """The losses of every choice against what the model predicts with it, and the choice of the least."""
+    """The losses of every choice against the meshes that the model predicts with it, and the choice of the least."""
     data = made_up(vision, "charts", grasps=2)
     experiment = row("template", vision, grasps=2, fewer_grasps=True, correction=Correction(0.08, 0.3))
     learner = ReconstructionLearner(data, experiment, replace(SETTINGS, batch=2), 0)
@@ -119,15 +119,22 @@ def test_a_validation_chooses_how_well_a_template_has_to_fit(monkeypatch, vision
         torch.nn.init.normal_(network.layers[-1].weight, std=scale)
     with torch.no_grad():
         losses = learner.validation_losses()
+        touched = [part[0].touched > 0 for part in learner.validation_batches for _ in part]
+        assert sorted(set(touched)) == ([True] if vision == "none" else [False, True])
         monkeypatch.setattr(model, "alternatives", lambda batch: [model(batch)])
-        learner.choices = 1
+        learner.choices = ()
         for column, least in enumerate(LEAST_FITS):
             model.templates.least_fit.fill_(least)
-            torch.testing.assert_close(learner.validation_losses()[:, 0], losses[:, column])
-    assert len(losses.unique(dim=1).T) == 3  # both fit well enough, one, none
-    for best in (3, 12, 21):
-        learner.choose(torch.ones(len(LEAST_FITS)).index_fill(0, torch.tensor(best), 0.5))
-        assert model.templates.least_fit == LEAST_FITS[best]
+            for row_, is_touched, loss in zip(losses, touched, learner.validation_losses(), strict=True):
+                torch.testing.assert_close(row_[int(is_touched), column], loss)
+                assert not row_[int(not is_touched)].any()
+    assert len(losses.sum(dim=1).unique(dim=1).T) == 3  # both fit well enough, one, none
+    learner.choices = losses.shape[1:]
+    for without, with_touch in ((3, 12), (12, 21), (21, 0)):
+        given = torch.ones(2, len(LEAST_FITS))
+        given[0, without], given[1, with_touch] = 0.5, 0.25
+        assert learner.choose(given) == 0.75
+        assert model.templates.least_fit.tolist() == LEAST_FITS[[without, with_touch]].tolist()
 
 
 class NotCopied(Template):
@@ -169,10 +176,16 @@ def test_any_number_of_grasps_up_to_its_own(vision, numbers):
     counts = [steps.count({number}) for number in numbers]
     assert sum(counts) == 160 and min(counts) > 16
     assert 0 not in numbers or 64 < counts[0] < 96  # half of the steps of a model with vision
-    # Validation takes them in turn, from grasps that are all there.
-    learner = ReconstructionLearner(data, experiment, replace(SETTINGS, validation_samples=None, batch=1), 0)
-    assert {len(sample.grasps) for sample in learner.validation_samples} == {3}
-    assert {sample.touched for sample in learner.validation_samples} <= set(numbers)
+    # Validation takes them in turn, from grasps that are all there, and each sample without touches, too.
+    learner = ReconstructionLearner(data, experiment, replace(SETTINGS, validation_samples=None, batch=2), 0)
+    batches = learner.validation_batches
+    assert all(len({sample.touched for sample in part}) == 1 for part in batches)
+    samples = [sample for part in batches for sample in part]
+    assert {len(sample.grasps) for sample in samples} == {3}
+    by_number = {n: {sample._replace(touched=None) for sample in samples if sample.touched == n} for n in numbers}
+    every = set(windows(data, experiment, "validation"))
+    assert set().union(*(by_number[n] for n in numbers if n)) == by_number.get(0, every) == every
+    assert sum(len(part) for part in batches) == len(every) * (1 + (0 in numbers))
 
 
 def test_an_epoch_of_grasps_has_each_class_as_often_and_no_grasp_twice_before_all():

@@ -195,7 +195,7 @@ def test_a_model_of_two_sensors_takes_them_and_a_checkpoint_brings_it_back(run, 
     assert model.sensors == 2 * 2 and data.hand_sensors == 2 and model.sensor.description() == KIND.description()
     learner.begin()
     with torch.no_grad():
-        batch = learner.assemble(learner.validation_samples)
+        batch = learner.assemble(learner.validation_batches[0])
         vertices = model(batch)
     assert torch.isfinite(vertices).all() and batch["success"].shape[1] == 4
     checkpoints.save(tmp_path / "best.ckpt", "reconstruction", model, learner.described())

@@ -198,7 +198,7 @@ def test_validation_is_the_chamfer_distance_of_what_is_predicted(trained):
     generator = torch.Generator().manual_seed(3)
     with torch.inference_mode():
         predictions = model(learner.assemble(samples))
-        points = model.sample(predictions, settings.validation_points, generator).numpy()
+        points = model.sample(predictions, {}, settings.validation_points, generator).numpy()
     for loss, mine, sample in zip(losses, points, samples, strict=True):
         cloud = truth[sample.object]
         chosen = cloud[torch.randperm(len(cloud), generator=generator)[: settings.validation_points].numpy()]

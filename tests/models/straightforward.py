@@ -154,8 +154,8 @@ def attended_touches(
 
 def known(model: Reconstruction, batch: dict) -> torch.Tensor:
     """(B,) whether the silhouette of a template has an intersection over union of `least_fit` with a sample's, beside
-    its hand. Pixels are shares that are covered, of 64 along an edge. Without an image, whether the touched points are
-    as near to a template."""
+    its hand: the second one if the sample has touched points. Pixels are shares that are covered, of 64 along an edge.
+    Without an image, whether the touched points are as near to a template."""
     found = []
     if "mask" not in batch:
         charts = batch["charts"].unflatten(2, (9, 9))[:, :, ::4, ::4].flatten(2, 3)
@@ -164,14 +164,16 @@ def known(model: Reconstruction, batch: dict) -> torch.Tensor:
             clouds = model.templates.objects.points.double()
             nearest = [torch.cdist(places, cloud).amin(dim=1).clamp(max=0.05) for cloud in clouds]
             least = min(each.square().mean().sqrt() for each in nearest) if len(places) else 0.0
-            found.append(1 - torch.as_tensor(least) / 0.05 >= model.templates.least_fit)
+            found.append(1 - torch.as_tensor(least) / 0.05 >= model.templates.least_fit[int(success.any())])
         return torch.stack(found)
-    for mask, hand, camera in zip(batch["mask"], batch["hand"], batch["camera_number"], strict=True):
+    touched = batch["success"].any(dim=1) if "success" in batch else [False] * len(batch["mask"])
+    each_sample = zip(batch["mask"], batch["hand"], batch["camera_number"], touched, strict=True)
+    for mask, hand, camera, is_touched in each_sample:
         seen, free = (each.double().reshape(64, len(each) // 64, 64, -1).mean(dim=(1, 3)) for each in (mask, ~hand))
         others = [template / 255 * free for template in model.templates.masks[:, camera].double()]
         both = [(seen * other).sum() for other in others]
         alike = [one / (seen.sum() + other.sum() - one) for one, other in zip(both, others, strict=True)]
-        found.append(max(alike) >= model.templates.least_fit)
+        found.append(max(alike) >= model.templates.least_fit[int(is_touched)])
     return torch.stack(found)
 
 

@@ -6,7 +6,7 @@ import torch
 import trimesh
 
 from palpate.architectures import Architecture
-from palpate.charts import sphere
+from palpate.charts import sample_faces, sphere
 from palpate.experiments import Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
@@ -117,6 +117,8 @@ def test_where_no_vision_chart_is_inside_all_stay_whatever_was_touched():
             torch.nn.init.zeros_(parameter)
     with torch.inference_mode():
         ((vertices, faces),) = model.meshes(batch)
+        points = model.sample(model(batch), batch, 100, torch.Generator().manual_seed(0))
+    assert torch.equal(points, sample_faces(vertices[None], faces, 100, torch.Generator().manual_seed(0)))
     assert outside(vertices[:1824], batch, 0).all() and not outside(vertices[1824:], batch, 0).any()
     assert len(faces) == 2304 + 4 * 128
 

@@ -92,7 +92,7 @@ def test_points_turn_with_the_view():
     torch.testing.assert_close(*seen)
     points = model(images)
     assert (points[0] - points[1]).abs().max() > 0.01
-    assert torch.equal(model.sample(points, 5), points)  # as they are
+    assert torch.equal(model.sample(points, {}, 5), points)  # as they are
     vertices, faces = model.mesh(points[0])
     assert torch.equal(vertices, points[0]) and faces.shape == (0, 3)
 
@@ -168,7 +168,7 @@ def test_predicted_cells_are_measured_on_their_surface(level):
     model = built("r2n2", decoder=ARCHITECTURES["r2n2"]["decoder"] | {"level": level})
     # Log-odds of a probability that reaches the level at the radius, and is nearly linear between two cells there.
     odds = torch.from_numpy(np.log(level / (1 - level)) + depth / (8 * CELL))
-    points = model.sample(odds[None], 4000, torch.Generator().manual_seed(0))
+    points = model.sample(odds[None], {}, 4000, torch.Generator().manual_seed(0))
     assert points.shape == (1, 4000, 3)
     away = (points[0] - torch.from_numpy(centre)).norm(dim=1)
     assert float((away - radius).abs().max()) < 0.05 * CELL

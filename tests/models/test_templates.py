@@ -302,6 +302,18 @@ def test_what_the_networks_move_is_the_start_or_a_sphere_where_no_template_fits_
     assert torch.equal(copied[given["success"]], given["charts"][given["success"]])
 
 
+def test_a_template_has_to_fit_as_well_as_samples_ask_for_that_are_touched_or_not():
+    model, given = model_of(), batch(grasps=2)
+    given["success"][1] = False
+    touched = given["success"].any(dim=1)
+    assert touched.any() and not touched.all()
+    for least, known in (([0.0, 2.0], ~touched), ([2.0, 0.0], touched)):
+        model.templates.least_fit.copy_(torch.tensor(least))
+        assert torch.equal(model.templates.known(given), known)
+        without = {key: values for key, values in given.items() if key in ("mask", "hand", "camera_number")}
+        assert torch.equal(model.templates.known(without), torch.full_like(known, least[0] == 0))
+
+
 def test_a_network_that_no_sample_wants_is_left_out_and_nothing_changes(monkeypatch):
     """Samples one by one, of which each wants one network, against all at once, which want both."""
     model, given = model_of(), batch(grasps=2)

@@ -171,7 +171,7 @@ def test_a_sample_with_fewer_grasps_has_fewer_charts_in_its_mesh():
     vertices, ((shown, faces),) = model(batch), model.meshes(batch)
     assert len(shown) == VISION + 8 * 81 and len(faces) == 2304 + 8 * 128
     assert faces.unique().tolist() == list(range(len(shown)))
-    assert model.sample(vertices, 10, torch.Generator().manual_seed(0)).shape == (1, 10, 3)
+    assert model.sample(vertices, {}, 10, torch.Generator().manual_seed(0)).shape == (1, 10, 3)
 
 
 def test_a_place_that_is_no_number_has_no_numbers():
