@@ -47,8 +47,8 @@ class Diverged(RuntimeError):
 class Learner(nn.Module, ABC):
     """A model and how it is trained: `learner(step)` is the loss of a training step. seed: of the order of samples and
     of points. samples: number of training samples. steps: of training; validation_interval: between validations; rank,
-    processes: of those that share a batch, one a GPU; step: begun last; kind: of checkpoints; choices: how many of
-    each thing that a validation chooses."""
+    processes: of those that share a batch, one a GPU; step: begun last; kind: of checkpoints; choices: shape of a
+    sample's losses in a validation, by the values that it chooses among; () if it chooses nothing."""
 
     kind: ClassVar[str]
     model: nn.Module
@@ -172,7 +172,8 @@ class ReconstructionLearner(Learner):
         train = data.of_split("train")
         validation_samples = spread(windows(data, experiment, "validation"), settings.validation_samples)
         batches = in_batches(validation_samples, settings.batch)
-        if experiment.fewer_grasps:  # batch by batch another number of touched grasps, and none if it takes none
+        # With touches, batch by batch those of another number of grasps; and all again without, if the model can be.
+        if experiment.fewer_grasps:
             counts = range(1, grasps_per_sample(data, experiment) + 1)
             touched = [(part, counts[number % len(counts)]) for number, part in enumerate(batches)]
             untouched = [(part, 0) for part in batches] if experiment.fewest_grasps == 0 else []
@@ -239,9 +240,12 @@ class ReconstructionLearner(Learner):
             return torch.stack([~touched, touched], dim=1)[:, :, None] * by_fit[:, None]
 
     def choose(self, losses: Tensor) -> Tensor:
-        if self.choices:
-            cast(Templates, self.model.templates).least_fit.copy_(LEAST_FITS[losses.argmin(dim=1).cpu()])
-        return losses.amin(dim=1).sum() if self.choices else losses
+        if not self.choices:
+            return losses
+        # Where no validation sample is touched, or all are, both have what is best for those that there are.
+        measured = torch.where(losses.any(dim=1, keepdim=True), losses, losses.sum(dim=0))
+        cast(Templates, self.model.templates).least_fit.copy_(LEAST_FITS[measured.argmin(dim=1).cpu()])
+        return losses.amin(dim=1).sum()
 
     def _start(self, batch_samples: Sequence[Sample], batch: Mapping[str, Tensor]) -> Tensor:
         """The start (1824, B, 3) m of samples and their batch, which has no weights in it: once of the same inputs."""

@@ -135,6 +135,11 @@ def test_a_validation_chooses_how_well_a_template_has_to_fit(monkeypatch, vision
         given[0, without], given[1, with_touch] = 0.5, 0.25
         assert learner.choose(given) == 0.75
         assert model.templates.least_fit.tolist() == LEAST_FITS[[without, with_touch]].tolist()
+        for group, chosen in ((0, with_touch), (1, without)):  # a validation without samples of one of both
+            only = given.clone()
+            only[group] = 0.0
+            assert learner.choose(only) == given.min(dim=1).values[1 - group]
+            assert model.templates.least_fit.tolist() == LEAST_FITS[[chosen, chosen]].tolist()
 
 
 class NotCopied(Template):
