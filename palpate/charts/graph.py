@@ -26,15 +26,6 @@ class Graph(nn.Module):
     boundary vertices of vision charts. kind: `charts`; or `sphere`, the mesh `sphere()`. normalisation: `symmetric`,
     the paper's equation 1, or `mean`, as in the published code. Raises ValueError for others, or a negative number."""
 
-    faces: Tensor
-    reference: Tensor
-    neighbour: Tensor
-    start: Tensor
-    weight: Tensor
-    transposed: Tensor
-    left: Tensor
-    right: Tensor
-
     def __init__(self, touch_charts: int = 0, kind: Kind = "charts", normalisation: str = "symmetric"):
         super().__init__()
         if normalisation not in ("symmetric", "mean"):
@@ -54,8 +45,8 @@ class Graph(nn.Module):
             edges = torch.cat([mesh_edges(faces), atlas.joined])
             self.vertices = len(atlas.vertices) + TOUCH_VERTICES * self.touch_charts
         reference = len(atlas.vertices) + touch_chart().centre + TOUCH_VERTICES * torch.arange(self.touch_charts)
-        self.register_buffer("faces", faces, persistent=False)
-        self.register_buffer("reference", reference, persistent=False)
+        self.faces = nn.Buffer(faces, persistent=False)
+        self.reference = nn.Buffer(reference, persistent=False)
         self.build_operator(edges, atlas.boundary)
 
     def build_operator(self, edges: Tensor, boundary: Tensor) -> None:
@@ -77,12 +68,12 @@ class Graph(nn.Module):
         if self.touch_charts:
             ends[0, boundary] = ends[1, self.reference] = 1
         self._converted: dict[torch.dtype, tuple[Tensor, ...]] = {}
-        self.register_buffer("neighbour", neighbour.int(), persistent=False)
-        self.register_buffer("start", start.int(), persistent=False)
-        self.register_buffer("weight", weight, persistent=False)
-        self.register_buffer("transposed", transposed, persistent=False)
-        self.register_buffer("left", ends * out, persistent=False)
-        self.register_buffer("right", ends * into, persistent=False)
+        self.neighbour = nn.Buffer(neighbour.int(), persistent=False)
+        self.start = nn.Buffer(start.int(), persistent=False)
+        self.weight = nn.Buffer(weight, persistent=False)
+        self.transposed = nn.Buffer(transposed, persistent=False)
+        self.left = nn.Buffer(ends * out, persistent=False)
+        self.right = nn.Buffer(ends * into, persistent=False)
 
     def aggregate(self, x: Tensor, transpose: bool = False) -> Tensor:
         """The normalised sum over each vertex and its neighbours: `symmetric`, y_u = sum_v x_v / sqrt((|N_u| + 1)
@@ -115,5 +106,3 @@ class Graph(nn.Module):
         """Called where the module goes to another device or type."""
         self._converted.clear()
         return super()._apply(*arguments)
-
-    forward = aggregate

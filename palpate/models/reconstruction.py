@@ -47,13 +47,8 @@ class Reconstruction(nn.Module):
     Raises ValueError for a combination that can't be: neither vision nor touch, no touch where the strategy is about
     touch charts, no vision for `no_comm`."""
 
-    # The first layer's weights of inputs that not every model has.
-    INPUT_WEIGHTS = ("image_weight", "reading_weight")
     NOT_FLOATING = ("success", "mask", "hand", "camera_number")
-    centre: Tensor
-    start: Tensor
-    faces: Tensor
-    moving_faces: Tensor
+    # The first layer's weights of inputs that not every model has.
     image_weight: Tensor
     reading_weight: Tensor
 
@@ -94,13 +89,13 @@ class Reconstruction(nn.Module):
         self.graphs = nn.ModuleList(Graph(hand_sensors * n, kind, gcn.normalisation) for n in counts)
         self.scale = architecture.radius if architecture.normalise_positions else 1.0
         centre = OBJECT_POSITION if architecture.normalise_positions else (0.0, 0.0, 0.0)
-        self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)
+        self.centre = nn.Buffer(torch.tensor(centre, dtype=torch.float64), persistent=False)
         start = sphere()[0] if kind == "sphere" else vision_atlas().vertices
-        self.register_buffer("start", resized(start, architecture.radius), persistent=False)
+        self.start = nn.Buffer(resized(start, architecture.radius), persistent=False)
         faces = chart_faces(self.sensors) if self.copies_touch else self.graph.faces
-        self.register_buffer("faces", faces.clone(), persistent=False)
+        self.faces = nn.Buffer(faces.clone(), persistent=False)
         moving = chart_faces(0) if plan.keeps_touch and architecture.failed_charts == "fixed" else self.graph.faces
-        self.register_buffer("moving_faces", moving.clone(), persistent=False)
+        self.moving_faces = nn.Buffer(moving.clone(), persistent=False)
 
         vertex_features = 3 + (self.graph.touch_charts > 0)
         image_features = reading_features = 0

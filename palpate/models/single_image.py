@@ -41,14 +41,13 @@ class SingleImageModel(nn.Module, ABC):
     """From one view to a shape. radius: m, of the sphere around all objects; relative_size: of it to the paper's."""
 
     hand_sensors, sensor = None, DIGIT  # of touches, which none takes
-    centre: Tensor
 
     def __init__(self, architecture: Architecture):
         super().__init__()
         self.encoder = ImageEncoder(required(architecture.encoder, "encoder"))
         self.architecture, self.radius = architecture, architecture.radius
         self.relative_size = self.radius / ATLAS_RADIUS
-        self.register_buffer("centre", torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
+        self.centre = nn.Buffer(torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
 
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
         """The prediction (B, ...), as `stages` describes it. batch: `image` (B, 3, S, S) in [0, 1], and `camera`
@@ -140,16 +139,12 @@ class DeformedSphere(SingleImageModel):
     """Pixel2Mesh without unpooling: a sphere deformed in `deformations` blocks with weights of their own. Each moves
     vertices by the image's features at them and their positions. faces: (2304, 3) int64; edges: (E, 2), each once."""
 
-    start: Tensor
-    faces: Tensor
-    edges: Tensor
-
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
         vertices, faces = sphere()
-        self.register_buffer("start", resized(vertices, self.radius), persistent=False)
-        self.register_buffer("faces", faces.clone(), persistent=False)
-        self.register_buffer("edges", mesh_edges(faces).sort(dim=1).values.unique(dim=0), persistent=False)
+        self.start = nn.Buffer(resized(vertices, self.radius), persistent=False)
+        self.faces = nn.Buffer(faces.clone(), persistent=False)
+        self.edges = nn.Buffer(mesh_edges(faces).sort(dim=1).values.unique(dim=0), persistent=False)
         self.graph = Graph(0, "sphere")
         features, gcn = sum(self.encoder.channels) + 3, required(architecture.gcn, "gcn")
         self.blocks = nn.ModuleList(

@@ -39,19 +39,17 @@ class Templates(nn.Module):
     kernel: (2,) float64, of silhouettes: scale and nugget; None: `likely_kernel`. least_fit: (2,) float64, of `fit`:
     without touched points, and with."""
 
-    shapes: Tensor
     masks: Tensor | None
     kernel: Tensor | None
-    least_fit: Tensor
 
     def __init__(self, shapes: Tensor, masks: Tensor | None = None, kernel: Tensor | None = None):
         super().__init__()
-        self.register_buffer("shapes", shapes)
+        self.shapes = nn.Buffer(shapes)
         self.register_buffer("masks", masks)
         if kernel is None and masks is not None:
             kernel = likely_kernel(shapes, masks[:, 0])
         self.register_buffer("kernel", kernel)
-        self.register_buffer("least_fit", LEAST_FITS[[0, 0]])  # a training chooses it
+        self.least_fit = nn.Buffer(LEAST_FITS[[0, 0]])  # a training chooses it
 
     @cached_property
     def objects(self) -> Objects:

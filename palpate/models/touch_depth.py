@@ -22,7 +22,7 @@ class TouchDepth(nn.Module):
         super().__init__()
         self.sensor = sensor
         # (r, c) metres from the sensor plane, of the undeformed gel.
-        self.register_buffer("gel", torch.from_numpy(sensor.range - sensor.sag), persistent=False)
+        self.gel = nn.Buffer(torch.from_numpy(sensor.range - sensor.sag), persistent=False)
         channels = [width * 2**level for level in range(5)]
         self.down = nn.ModuleList()
         self.pool = nn.ModuleList(nn.MaxPool2d(2) for _ in channels[1:])
