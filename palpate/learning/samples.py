@@ -1,6 +1,7 @@
 """The samples of evaluations and of training steps, and the batch of tensors that samples make."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import groupby
 from typing import NamedTuple, TypeVar
 
@@ -73,11 +74,14 @@ def in_batches(samples: Sequence[S], size: int) -> list[Sequence[S]]:
 
 def shuffled(count: int, size: int, seed: int | Sequence[int], step: int) -> np.ndarray:
     """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again."""
-    first = step * size
-    places = np.arange(first, first + size)
-    seeds = np.atleast_1d(seed)
-    epochs = {int(e): np.random.default_rng([*seeds, int(e)]).permutation(count) for e in set(places // count)}
-    return np.array([epochs[int(place) // count][int(place) % count] for place in places])
+    seeds = (seed,) if isinstance(seed, int) else tuple(seed)
+    places = range(step * size, (step + 1) * size)
+    return np.array([_permutation(count, *seeds, place // count)[place % count] for place in places])
+
+
+@lru_cache(maxsize=64)  # an epoch's, of each class in `grasps_by_class`
+def _permutation(count: int, *seeds: int) -> np.ndarray:
+    return np.random.default_rng(seeds).permutation(count)
 
 
 def grasps_by_class(data: ExperimentData, size: int, seed: int, step: int) -> list[tuple[int, int]]:
@@ -87,18 +91,13 @@ def grasps_by_class(data: ExperimentData, size: int, seed: int, step: int) -> li
     classes = sorted({data.classes[number] for number in objects})
     members = [[number for number in objects if data.classes[number] == name] for name in classes]
     share = -(-len(objects) * data.grasps // len(classes))
-    taken: list[tuple[int, int]] = []
-    epochs: dict[int, list[tuple[int, int]]] = {}
-    for place in range(step * size, (step + 1) * size):
-        epoch, here = divmod(place, share * len(classes))
-        if epoch not in epochs:
-            pairs = [
-                (numbers[k // data.grasps], int(k % data.grasps))
-                for stream, numbers in enumerate(members)
-                for k in shuffled(len(numbers) * data.grasps, share, (seed, 3, stream), epoch)
-            ]
-            epochs[epoch] = [pairs[k] for k in np.random.default_rng([seed, 4, epoch]).permutation(len(pairs))]
-        taken.append(epochs[epoch][here])
+    epoch_size, taken = share * len(classes), []
+    for place, number in enumerate(shuffled(epoch_size, size, (seed, 4), step), start=step * size):
+        stream, of_class = divmod(int(number), share)
+        of_class += place // epoch_size * share  # among all that the epochs so far take of this class
+        grasps = len(members[stream]) * data.grasps
+        grasp = int(shuffled(grasps, 1, (seed, 3, stream), of_class)[0])
+        taken.append((members[stream][grasp // data.grasps], grasp % data.grasps))
     return taken
 
 
@@ -126,7 +125,8 @@ def training_samples(
         drawn = zip(pairs, grasps, strict=True)
         grasps = [(first, *(grasp for grasp in others if grasp != first))[:n] for (_, first), others in drawn]
     images = data.images(experiment)
-    views = [int(random.integers(images)) if images else 0 for _ in chosen]  # after all grasps: see above
+    # Drawn after all grasps, which are then the same without images.
+    views = [int(random.integers(images)) if images else 0 for _ in chosen]
     return [Sample(*what, touched=touched) for what in zip(chosen, grasps, views, strict=True)]
 
 
