@@ -71,6 +71,16 @@ def test_a_row_changes_what_its_method_has_and_weights_share_it(read):
     [
         ({"mine": CHARTS}, [], "expected a list of grids"),
         ([CHARTS | {"vision": ["occluded", "dark"]}], [], "'dark' is not one of"),
+        (
+            [CHARTS | {"architecture": {"gcn": {"widht": 9}}}],
+            [],
+            "architecture.gcn.widht: unknown key; did you mean 'width'?",
+        ),
+        (
+            [CHARTS | {"architecture": {"gcn": {"width": 2}}}],
+            [],
+            "architecture.gcn.width: 2 is less than the minimum of 3",
+        ),
         ([CHARTS | {"method": "chart"}], [], "method 'chart' is unknown; there are sphere, no_copy"),
         ([CHARTS, CHARTS], [], "two experiments charts_occluded_touch: remove one, or state another `name`"),
         ([CHARTS | {"weights": {"touch": False}}], [], "weights charts_occluded, which is no trained experiment"),
