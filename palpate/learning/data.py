@@ -22,8 +22,8 @@ class ExperimentDataError(ValueError):
 
 class ExperimentData:
     """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
-    arrays: by name, among them `object`, `class` and `split` (o,). source: their name for messages. sensor: that
-    touches are of. one_size: whether all objects were scaled to one size; else `largest` is the diagonal (m) of the box
+    arrays: by name, among them `object`, `class` and `split` (o,). source: their name for messages. sensor: of
+    the touches. one_size: whether all objects were scaled to one size. If not, `largest` is the diagonal (m) of the box
     of the largest object of the train split. grasps: of an object, 0 if no array has that axis; hand_sensors: of a
     grasp, or None. Raises ExperimentDataError, naming the object, if a value is NaN or infinite."""
 
@@ -77,21 +77,20 @@ class ExperimentData:
         cls, run: Path | str, experiment: Experiment, splits: Iterable[str] = SPLITS, training: bool = False
     ) -> "ExperimentData":
         """The data of an experiment: the objects of some splits of a run. training: with what only trainings take.
-        Raises ExperimentDataError if no object is in all stores; StoreError, naming the file and the remedy, for a bad
-        store."""
-        needed = stages(experiment, training)
-        dataset = Dataset(run, needed)
-        if not len(dataset):
-            raise ExperimentDataError(f"{run}: no object is in all of {', '.join(needed)}; rejected.csv says why")
-        return cls.read(dataset, inputs(experiment, training), splits)
+        Raises ExperimentDataError if no object of them is in all stores; StoreError, naming the file and the remedy,
+        for a bad store."""
+        return cls.read(Dataset(run, stages(experiment, training)), inputs(experiment, training), splits)
 
     @classmethod
     def read(cls, dataset: Dataset, arrays: Sequence[Input], splits: Iterable[str] = SPLITS) -> "ExperimentData":
         """Some arrays of the objects of some splits of a dataset. Raises what `load` raises."""
-        records = [record for record in dataset if record.split in set(splits)]
+        splits = list(splits)
+        records = [record for record in dataset if record.split in splits]
         chosen = dataset.select(record.name for record in records)
         if not records:
-            raise ExperimentDataError(f"{dataset!r}: no object of {' or '.join(splits)}: more objects are needed")
+            needed = ", ".join(dict.fromkeys(item.stage for item in arrays))
+            nothing = f"no object of {' or '.join(splits)} is in all of {needed}"
+            raise ExperimentDataError(f"{dataset!r}: {nothing}: more objects are needed; rejected.csv says why")
         loaded: dict[str, Sequence[str] | np.ndarray] = {item.name: _read(chosen, item) for item in arrays}
         loaded |= {
             "object": [record.name for record in records],

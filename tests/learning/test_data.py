@@ -208,12 +208,17 @@ def test_a_changed_bit_is_noticed(run):
     assert len(ExperimentData.load(run[0], TOUCH))
 
 
+def test_splits_may_be_an_iterator(run):
+    expected = ExperimentData.load(run[0], TOUCH, ["train", "validation"])
+    assert ExperimentData.load(run[0], TOUCH, iter(["train", "validation"])).objects == expected.objects
+
+
 def test_no_object_left(run):
-    with pytest.raises(ExperimentDataError, match="no object of nonsense: more objects are needed"):
+    with pytest.raises(ExperimentDataError, match="no object of nonsense is in all of .*: more objects are needed"):
         ExperimentData.load(run[0], TOUCH, ["nonsense"])
     (run[0] / "catalogue.csv").write_text("object,class,split,batch\nc-0,c,train,batch-0000\n")
     (run[0] / "rejected.csv").write_text("object,stage,reason\nc-0,surface,lost\n")
-    with pytest.raises(ExperimentDataError, match="no object is in all of surface, vision; rejected.csv says why"):
+    with pytest.raises(ExperimentDataError, match="is in all of surface, vision: .*; rejected.csv says why"):
         ExperimentData.load(run[0], UNOCCLUDED)
 
 
