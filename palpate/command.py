@@ -106,9 +106,10 @@ def reconstruct(args: argparse.Namespace) -> int:
     """Write the mesh that a model predicts."""
     from palpate.atomic import atomic_write
     from palpate.dataset import Dataset
-    from palpate.learning.reconstruct import Reconstructor, check_format, named_model
+    from palpate.learning.reconstruct import FORMATS, ReconstructionError, Reconstructor, named_model
 
-    check_format(args.output)
+    if args.output.suffix not in FORMATS:
+        raise ReconstructionError(f"{args.output}: the name must end in one of {', '.join(FORMATS)}")
     path, record = named_model(args.run / "models", args.experiment, args.seed), Dataset(args.run)[args.object]
     model = Reconstructor(path, args.device)  # loads torch: after what can be wrong without it
     mesh = model.predict(record, args.grasp, args.view, args.closed).mesh()

@@ -101,7 +101,13 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
     `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the one that it must be of, or that is evaluated with
     these weights (`Experiment.weights`). Raises CheckpointError, before anything runs, if the file is missing, of
     another schema version or experiment, or doesn't fit."""
-    content = read(path, "reconstruction")
+    return model_of(path, read(path, "reconstruction"), experiment)
+
+
+def model_of(
+    path: Path | str, content: dict[str, Any], experiment: Experiment | None = None
+) -> Reconstruction | SingleImageModel:
+    """As `load`, from the content of the checkpoint, as `read` gives it."""
     sharing = experiment if experiment and experiment.weights is not None else None
     if experiment and not sharing and experiment.row() != content.get("experiment"):
         raise CheckpointError(

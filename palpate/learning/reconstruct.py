@@ -120,18 +120,12 @@ class Reconstructor:
             reason = str(error).strip().partition("\n")[0]
             raise ReconstructionError(f"device {device!r} can't be used here ({reason}): use cpu") from None
         content = checkpoints.read(self.path, "reconstruction")
-        self._model = checkpoints.load(self.path).to(device)
+        self._model = checkpoints.model_of(self.path, content).to(device)
         self.experiment: Experiment = checkpoints.experiment_of(content)
         self._camera, self._image_size = content.get("camera"), content.get("image_size")
         self._charts: TouchCharts | None = None
         if self.experiment.takes_charts:
-            touch_depth = self.path.parents[2] / "touch_depth" / CHECKPOINT
-            if not touch_depth.is_file():
-                raise ReconstructionError(
-                    f"{touch_depth} does not exist: the U-Net that turns readings into charts "
-                    f"lies beside the run's experiments; train it with: {rebuild_command(touch_depth)}"
-                )
-            self._charts = TouchCharts(touch_depth, device)
+            self._charts = TouchCharts(self.path.parents[2] / "touch_depth", device)
             own = self._model.sensor
             checkpoints.require_sensor(None, own, None, self._charts.model.sensor, f"{self.path} (but not its U-Net)")
 
@@ -246,7 +240,8 @@ class Reconstructor:
         if not grasps:
             readings = np.zeros((0, *model.sensor.resolution, 3), dtype=np.uint8)
             return GraspTouches(readings, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-        sensors = GraspTouches(*map(np.concatenate, zip(*map(_touches_of, grasps), strict=True)))
+        names = GraspTouches._fields
+        sensors = GraspTouches(*(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in names))
         count = (model.hand_sensors or 0) * len(grasps)
         shapes = (count, *model.sensor.resolution, 3), (count, 3), (count, 3, 3), (count,)
         for name, values, shape in zip(sensors._fields, sensors, shapes, strict=True):
@@ -299,9 +294,10 @@ class TouchCharts:
         """Charts of k sensors; those of sensors that touch nothing are all at the sensor's position."""
         from palpate.learning.touch_charts import touch_charts
 
-        reading, position, rotation, success = map(np.asarray, _touches_of(touches))
+        position, rotation = np.asarray(touches.position), np.asarray(touches.rotation)
+        reading, success = np.asarray(touches.reading), np.asarray(touches.success, dtype=bool)
         try:
-            return touch_charts(self.model, reading, self.empty_reading, success.astype(bool), position, rotation)
+            return touch_charts(self.model, reading, self.empty_reading, success, position, rotation)
         except ValueError as error:  # of the fit: NaN in the predicted cloud
             raise ReconstructionError(f"no touch charts from what {self.path} predicts: {error}") from error
 
@@ -309,12 +305,10 @@ class TouchCharts:
         """Predicted local clouds (n, 3) of the successful sensors, world frame; charts are fitted to them."""
         import torch
 
-        from palpate.learning.touch_charts import channels_first, masked_clouds, predict_depth
+        from palpate.learning.touch_charts import masked_clouds, predict_depth
 
         touched = np.asarray(touches.success, dtype=bool)
-        device = next(self.model.parameters()).device
-        images = touches.reading[touched], self.empty_reading
-        depth, valid = predict_depth(self.model, *(channels_first(image).to(device) for image in images))
+        depth, valid = predict_depth(self.model, touches.reading[touched], self.empty_reading)
         clouds = masked_clouds(depth.cpu(), valid.cpu(), self.model.sensor.size)
         poses = torch.from_numpy(touches.rotation[touched]), torch.from_numpy(touches.position[touched])
         return [
@@ -330,6 +324,9 @@ def checkpoint(model: Path | str) -> Path:
     file = path if path.suffix == ".ckpt" else path / CHECKPOINT
     if file.is_file():
         return file
+    if file.parent.name == "touch_depth":
+        unet = "the U-Net that turns readings into charts lies beside the run's experiments"
+        raise ReconstructionError(f"{file} does not exist: {unet}; train it with: {rebuild_command(file)}")
     known = trained(next((folder for folder in file.parents if folder.name == "models"), path))
     nothing = f", and nothing is trained there; train it with: {rebuild_command(file)}"
     raise ReconstructionError(f"{file} does not exist" + (f"; trained are: {', '.join(known)}" if known else nothing))
@@ -339,12 +336,6 @@ def trained(models: Path | str) -> list[str]:
     """Names `<experiment>/seed-<k>` of the models that a run's folder `models` has."""
     models = Path(models)
     return sorted(str(path.parent.relative_to(models)) for path in models.glob(f"*/seed-*/{CHECKPOINT}"))
-
-
-def check_format(path: Path) -> None:
-    """Raise ReconstructionError if a mesh file has a suffix that is not one of `FORMATS`."""
-    if path.suffix not in FORMATS:
-        raise ReconstructionError(f"{path}: the name must end in one of {', '.join(FORMATS)}")
 
 
 def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
@@ -389,11 +380,6 @@ def of_object(
         mask = seen.occluded_mask > 0
         silhouette = Silhouette(mask, np.isfinite(seen.occluded_depth) & ~mask, view)
     return Inputs(image, touches, seen.vision_camera.matrix(), silhouette)
-
-
-def _touches_of(grasp: Grasp) -> GraspTouches:
-    """What a model needs of a grasp, in the order of `GraspTouches`."""
-    return GraspTouches(grasp.reading, grasp.position, grasp.rotation, grasp.success)
 
 
 def _counted(grasps: int) -> str:
