@@ -20,16 +20,15 @@ from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord
 from palpate.experiments import SPLITS, Experiment
 from palpate.learning import checkpoints
-from palpate.learning.checkpoints import require_sensor
 from palpate.learning.data import ExperimentData
 from palpate.learning.inputs import INPUTS
 from palpate.learning.machine import Machine
 from palpate.learning.metrics import ring_distances, score, seeded
 from palpate.learning.rings import SAMPLES, ring_points
 from palpate.learning.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
-from palpate.learning.samples import Assembler, Sample, windows
+from palpate.learning.samples import Assembler, Sample, in_batches, windows
 from palpate.learning.surface_quality import surface_quality, topology
-from palpate.learning.touch_charts import channels_first, masked_clouds, predict_depth
+from palpate.learning.touch_charts import masked_clouds, predict_depth
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.retrieval import Objects, Retrieval
 from palpate.protocol import CHAMFER_SCALE, RINGS
@@ -97,9 +96,8 @@ def evaluate(
     surface = topology(trained.experiment.plan.start)
     for sample, (vertices, faces), seconds in predictions(trained, data, splits):
         if last != sample.object:
-            cloud, last = torch.from_numpy(data["points"][sample.object]).to(trained.device), sample.object
-            tree = build_tree(cloud)
-        scores = score(points_on(vertices, faces, points, data.objects[sample.object]), cloud, tree)
+            tree, last = build_tree(torch.from_numpy(data["points"][sample.object])), sample.object
+        scores = score(points_on(vertices, faces, points, data.objects[sample.object]), tree)
         quality = surface_quality(vertices.cpu().numpy(), surface, tree)
         rows.append(row_of(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
@@ -142,14 +140,15 @@ def predictions(trained: Trained, data: ExperimentData, splits: Sequence[str]) -
         missing = f"no object in {' or '.join(splits)}"
         raise EvaluationError(f"{data.source}: {missing}: more objects are needed (config classes)")
     if experiment.touch:
-        require_sensor(model.hand_sensors, model.sensor, data.hand_sensors, data.sensor, f"model {experiment.name}")
+        sensors = model.hand_sensors, model.sensor, data.hand_sensors, data.sensor
+        checkpoints.require_sensor(*sensors, f"model {experiment.name}")
     assemble, label = Assembler(data, experiment, trained.device), f"{experiment.name} seed {trained.seed}"
     bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
     # Together are samples of one object where it has several, else of several objects.
     by_object = [list(group) for _, group in groupby(samples, lambda sample: sample.object)]
     groups = by_object if len(samples) > len(by_object) else [samples]
     done = 0
-    for chosen in (group[at : at + BATCH_SIZE] for group in groups for at in range(0, len(group), BATCH_SIZE)):
+    for chosen in (batch for group in groups for batch in in_batches(group, BATCH_SIZE)):
         start = time.perf_counter()
         meshes = predict(trained, assemble, chosen, data)
         seconds = (time.perf_counter() - start) / len(chosen)
@@ -202,9 +201,9 @@ def evaluate_touch(
     Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels that differ from the untouched reading) to
     the true one; `chart` that of `points` on the touch chart. model: trained for `steps`. dataset: with its stores of
     touch and charts. Raises EvaluationError if there is no touch; CheckpointError for another sensor's."""
-    require_sensor(None, model.sensor, None, dataset.sensor, "the model of touches")
+    checkpoints.require_sensor(None, model.sensor, None, dataset.sensor, "the model of touches")
     records = [record for record in dataset if record.split in splits]
-    rows, empty = [], channels_first(dataset.empty_reading)
+    rows, empty = [], dataset.empty_reading
     for record in tqdm(records, desc="touch depth", unit="object", disable=not sys.stderr.isatty()):
         for grasp in record.grasps:
             sensors = np.flatnonzero(grasp.success)
@@ -219,19 +218,19 @@ def evaluate_touch(
 
 
 def _local_scores(
-    model: TouchDepth, grasp: GraspRecord, sensors: np.ndarray, empty: Tensor, points: int, draw: torch.Generator
+    model: TouchDepth, grasp: GraspRecord, sensors: np.ndarray, empty: np.ndarray, points: int, draw: torch.Generator
 ) -> tuple[list[float], list[float]]:
     """Errors (m^2 x 9000) of the clouds and of the charts of some sensors of one grasp."""
     if not len(sensors):
         return [], []
     device, size = next(model.parameters()).device, model.sensor.size
-    depth, valid = predict_depth(model, channels_first(grasp.reading[sensors]).to(device), empty.to(device))
+    depth, valid = predict_depth(model, grasp.reading[sensors], empty)
     true = torch.from_numpy(grasp.depth[sensors]).to(device)
     clouds, truths = masked_clouds(depth, valid, size), masked_clouds(true, torch.isfinite(true), size)
     charts, faces = torch.from_numpy(grasp.vertices[sensors]).to(device), touch_chart().faces.to(device)
     has_area = face_areas(charts[:, faces]).sum(dim=1) > 0
     sampled = iter(sample_faces(charts[has_area], faces, points, draw))
-    # Of a chart that a contact of one pixel left no area its vertices.
+    # A contact of one pixel gives a chart without area; its vertices are then its points.
     on_charts = [next(sampled) if area else chart for chart, area in zip(charts, has_area, strict=True)]
     world = [torch.from_numpy(grasp.points[sensor]).to(device) for sensor in sensors]
     of_clouds, of_charts = chamfer_distance(clouds, truths), chamfer_distance(on_charts, world)

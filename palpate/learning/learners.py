@@ -1,7 +1,6 @@
 """What a training does in a step, and in a validation. All random numbers follow from the seed and the step's number,
 so that an interrupted training resumes without any difference."""
 
-import logging
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -31,8 +30,6 @@ from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.losses import Target, Truth, cloud_loss
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.models.templates import LEAST_FITS, Templates, is_touched, shrunk
-
-log = logging.getLogger(__name__)
 
 WARM_UP = 0.1  # share of the steps in which the schedule one_cycle rises to the highest rate
 FIRST, LAST = 0.04, 1e-4  # of the highest rate: where it begins and ends
@@ -242,7 +239,7 @@ class ReconstructionLearner(Learner):
     def choose(self, losses: Tensor) -> Tensor:
         if not self.choices:
             return losses
-        # Where no validation sample is touched, or all are, both have what is best for those that there are.
+        # If no validation sample is touched, or all are, both values are the best one of the samples that there are.
         measured = torch.where(losses.any(dim=1, keepdim=True), losses, losses.sum(dim=0))
         cast(Templates, self.model.templates).least_fit.copy_(LEAST_FITS[measured.argmin(dim=1).cpu()])
         return losses.amin(dim=1).sum()

@@ -158,8 +158,8 @@ def train(
     if machine.precision not in PRECISIONS:
         raise ValueError(f"precision {machine.precision!r}: choose one of {', '.join(PRECISIONS)}")
     torch.set_num_threads(machine.threads)
-    accelerator = machine.accelerator()
-    devices = machine.devices if accelerator == "gpu" else 1
+    accelerator = machine.torch_device().type
+    devices = machine.devices if accelerator == "cuda" else 1
     precision = cast(Any, machine.precision)  # a text among those above; Fabric's type lists all as literals
     fabric = Fabric(accelerator=accelerator, devices=devices, precision=precision)
     determines = {"precision": machine.precision, "schema": checkpoints.SCHEMA_VERSION, **learner.stated()}
@@ -186,7 +186,7 @@ def train(
         ) from None
     finally:
         torch.set_flush_denormal(False)
-    name = torch.cuda.get_device_name() if accelerator == "gpu" else "cpu"
+    name = torch.cuda.get_device_name() if accelerator == "cuda" else "cpu"
     summary = {
         **learner.stated(),
         "parameters": sum(weights.numel() for weights in learner.model.parameters()),

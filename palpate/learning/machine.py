@@ -13,12 +13,8 @@ class Machine(NamedTuple):
     precision: str = "32-true"  # or `bf16-mixed`: weights stay in float32, since in bfloat16 they are good to a mm
     threads: int = 1  # of the CPU
 
-    def accelerator(self) -> str:
-        """`cpu` or `gpu`. Raises ValueError if a GPU is asked for and there is none."""
+    def torch_device(self) -> torch.device:
+        """`cpu` or `cuda`. Raises ValueError if a GPU is asked for and there is none."""
         if self.device == "gpu" and not torch.cuda.is_available():
             raise ValueError("config training.device is gpu, but torch finds none: set it to auto or cpu")
-        return "gpu" if self.device != "cpu" and torch.cuda.is_available() else "cpu"
-
-    def torch_device(self) -> torch.device:
-        """The same as torch has it."""
-        return torch.device("cuda" if self.accelerator() == "gpu" else "cpu")
+        return torch.device("cuda" if self.device != "cpu" and torch.cuda.is_available() else "cpu")

@@ -21,13 +21,6 @@ class Score(NamedTuple):
     f1_2tau: float
 
 
-def squared_distances(points: Tensor, others: Tensor) -> Tensor:
-    """Squared distance (n,) float64 m^2 of each point (n, 3) to the nearest of the others (m, 3), metres. Raises
-    ValueError if a cloud is empty or holds NaN or infinity."""
-    index = nearest(points, others)
-    return (points.double() - others[index].double()).square().sum(dim=1)
-
-
 def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarray:
     """Mean squared distance (k,) m^2 from the points of each of k rings (n, 3) to the nearest of a prediction's (m, 3),
     m; nan for a ring without points. Raises ValueError for a prediction that is empty or not finite."""
@@ -35,21 +28,19 @@ def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarra
     if not sum(sizes):
         return np.full(len(rings), np.nan)
     together = torch.as_tensor(np.concatenate(rings), dtype=torch.float32, device=prediction.device)
-    squared = squared_distances(together, prediction).split(sizes)
-    return np.array([float(distances.mean()) if len(distances) else np.nan for distances in squared])
+    met = prediction[nearest(together, prediction)]
+    squared = (together.double() - met.double()).square().sum(dim=1)
+    return np.array([float(ring.mean()) if len(ring) else np.nan for ring in squared.split(sizes)])
 
 
-def score(prediction: Tensor, truth: Tensor, tree: cKDTree | None = None) -> Score:
-    """All scores of a predicted cloud (n, 3) against the true one (m, 3); `tree` is the true one's. The Chamfer
-    distance is the mean squared distance each way, added (section 3.1, with means for sums); F1 the harmonic mean of
-    precision and recall at a threshold, 0 if both are. Raises ValueError if a cloud is empty or not finite."""
-    true, predicted = tree or build_tree(truth), build_tree(prediction)
-    to_truth, to_prediction = _between_trees(predicted, true), _between_trees(true, predicted)
-    thresholds = [tau / PIXEL2MESH_SCALE**2 for tau in (TAU, 2 * TAU)]
-    return Score(
-        CHAMFER_SCALE * float(to_truth.mean() + to_prediction.mean()),
-        *(_f1(to_truth, to_prediction, threshold) for threshold in thresholds),
-    )
+def score(prediction: Tensor, truth: cKDTree) -> Score:
+    """All scores of a predicted cloud (n, 3) against the true one, as `build_tree` has it. The Chamfer distance is the
+    mean squared distance each way, added (section 3.1, with means for sums); F1 the harmonic mean of precision and
+    recall at a threshold, 0 if both are. Raises ValueError if the prediction is empty or not finite."""
+    predicted = build_tree(prediction)
+    to_truth, to_prediction = _between_trees(predicted, truth), _between_trees(truth, predicted)
+    f1 = [_f1(to_truth, to_prediction, tau / PIXEL2MESH_SCALE**2) for tau in (TAU, 2 * TAU)]
+    return Score(CHAMFER_SCALE * float(to_truth.mean() + to_prediction.mean()), *f1)
 
 
 def _between_trees(queries: cKDTree, points: cKDTree) -> np.ndarray:

@@ -3,10 +3,10 @@ A grid of 100 x 100 points, five times the sensor's size and centred on it, is p
 true surface. Ring r lies between the planes of r - 1 and r times the sensor's size; others are omitted."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -120,8 +120,7 @@ def project_batch(
 ) -> dict[str, np.ndarray]:
     """The arrays of a batch's rings store: rings around every successful touch. touch: the batch's touch store;
     surface: from an object's name and the sensor to what its rings are projected onto."""
-    touches = store.read(touch, "object", "success", "position", "rotation")
-    kind = Sensor.from_description(cast(Mapping[str, Any], store.open(touch).attributes["sensor"]))
+    touches, kind = store.read(touch, "object", "success", "position", "rotation"), store.open(touch).sensor
     names, success = touches["object"], touches["success"]
     depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
     for place, name in enumerate(names):

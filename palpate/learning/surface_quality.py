@@ -43,20 +43,17 @@ class Topology(NamedTuple):
 @cache
 def topology(start: Start | None) -> Topology | None:
     """Of what a strategy deforms: the vision charts or the closed sphere; None for neither."""
-    if start is None or start == "sphere":
-        return topology_of(sphere()[1].numpy()) if start else None
-    atlas = vision_atlas()
-    return topology_of(atlas.faces.numpy(), atlas.joined.numpy())
-
-
-def topology_of(faces: np.ndarray, joined: np.ndarray | None = None) -> Topology:
-    """Of any faces (F, 3)."""
+    if start is None:
+        return None
+    faces, joined = sphere()[1].numpy(), np.zeros((0, 2), dtype=int)
+    if start != "sphere":
+        faces, joined = vision_atlas().faces.numpy(), vision_atlas().joined.numpy()
     sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1) @ [1, faces.max() + 1]
     order = np.argsort(sides, kind="stable")
     _, first, count = np.unique(sides[order], return_index=True, return_counts=True)
     first = first[count == 2]
     adjacent = order[np.stack([first, first + 1], axis=1)] // 3
-    return Topology(faces, adjacent, np.zeros((0, 2), dtype=int) if joined is None else joined)
+    return Topology(faces, adjacent, joined)
 
 
 def surface_quality(vertices: np.ndarray, surface: Topology | None, tree: cKDTree) -> Quality:

@@ -1,7 +1,6 @@
 """Touch charts from readings, by the U-Net: what it is trained on, its loss, its depths, and charts fitted to them."""
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -23,7 +22,8 @@ PREDICTION_BATCH = 16  # readings: the U-Net's memory grows with their number
 TOUCHED = 0.001
 
 
-class TouchReadings(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TouchReadings:
     """k successful touches of one split: reading (k, 3, r, c) uint8; depth (k, r, c) float32 m, +inf where nothing is
     in range; empty (3, r, c) uint8, an untouched sensor's reading; the sensor that they are of."""
 
@@ -108,35 +108,28 @@ def touch_charts(
     position: np.ndarray,
     rotation: np.ndarray,
 ) -> np.ndarray:
-    """Touch charts (k, 81, 3) float32 of k sensors, from their readings; m, world frame; without success at the sensor.
-    model: in evaluation mode, on any device. reading: (k, r, c, 3) uint8, empty: (r, c, 3) uint8. success: (k,) bool.
-    position: (k, 3) m, rotation: (k, 3, 3), world frame. The same sensors together give the same charts."""
-    charts = np.repeat(position[:, None].astype(np.float32), TOUCH_VERTICES, axis=1)
-    sensors = np.flatnonzero(success)
-    device = next(model.parameters()).device
-    for chosen in np.array_split(sensors, -(-len(sensors) // PREDICTION_BATCH)) if len(sensors) else []:
-        depth, valid = predict_depth(model, *(channels_first(each).to(device) for each in (reading[chosen], empty)))
+    """Touch charts (..., 81, 3) float32 of sensors, from their readings; m, world frame; without success at the sensor.
+    model: in evaluation mode, on any device. reading: (..., r, c, 3) uint8, empty: (r, c, 3) uint8. success: (...)
+    bool. position: (..., 3) m, rotation: (..., 3, 3), world frame. The same sensors together give the same charts."""
+    charts = np.repeat(position[..., None, :].astype(np.float32), TOUCH_VERTICES, axis=-2)
+    sensors = np.argwhere(success)
+    for part in np.array_split(sensors, -(-len(sensors) // PREDICTION_BATCH)) if len(sensors) else []:
+        chosen = tuple(part.T)
+        depth, valid = predict_depth(model, reading[chosen], empty)
         at, turned = (torch.from_numpy(array[chosen]).float() for array in (position, rotation))
         charts[chosen] = fit_direct(depth.cpu(), valid.cpu(), at, turned, model.sensor.size).numpy()
     return charts
 
 
-def object_charts(model: TouchDepth, touch: Mapping[str, np.ndarray], row: int) -> np.ndarray:
-    """(g, s, 81, 3) touch charts of all sensors of one object. touch: arrays of a touch store; row: the object's."""
-    names = ("success", "position", "rotation")
-    sensors = [touch[name][row].reshape(-1, *touch[name].shape[3:]) for name in ("reading", *names)]
-    charts = touch_charts(model, sensors[0], touch["empty_reading"], *sensors[1:])
-    return charts.reshape(*touch["success"].shape[1:], *charts.shape[1:])
-
-
 @torch.inference_mode()
-def predict_depth(model: TouchDepth, reading: Tensor, empty: Tensor) -> tuple[Tensor, Tensor]:
-    """Depth (k, r, c) m, and pixels in contact (k, r, c) bool, of readings (k, 3, r, c) uint8. Of one that hardly
-    differs from the empty one, only the pixel that differs most is in contact."""
-    reading, empty = reading.float() / 255, empty.float() / 255
-    valid = touched(reading, empty)
+def predict_depth(model: TouchDepth, reading: np.ndarray, empty: np.ndarray) -> tuple[Tensor, Tensor]:
+    """Depth (k, r, c) m, and pixels in contact (k, r, c) bool, of readings (k, r, c, 3) uint8, on the model's device.
+    empty: (r, c, 3) uint8. Of a reading that hardly differs from it, only the pixel that differs most is in contact."""
+    device = next(model.parameters()).device
+    images, untouched = (channels_first(each).to(device).float() / 255 for each in (reading, empty))
+    valid = touched(images, untouched)
     faint = ~valid.flatten(1).any(dim=1)
     if faint.any():
-        most = (reading[faint] - empty).square().sum(dim=1).flatten(1).argmax(dim=1)
+        most = (images[faint] - untouched).square().sum(dim=1).flatten(1).argmax(dim=1)
         valid.flatten(1)[faint.nonzero()[:, 0], most] = True
-    return model(reading).float(), valid
+    return model(images).float(), valid

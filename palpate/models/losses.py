@@ -20,30 +20,23 @@ CELL = DIAGONAL / GRID  # m: no side of an object's box is longer than its diago
 
 
 class Truth:
-    """True surface points of objects (o, n, 3); what is derived from them is made when it is first asked for."""
+    """True surface points of objects (o, n, 3). What is derived from those of one, by its number, is made when it is
+    first asked for: its `tree(number)`; the unit `normals(number)` (n, 3) at its points, of either sign; the cells that
+    are `occupied(number, relative_size)`, as the function has them."""
 
     def __init__(self, points: Tensor):
         self.points = points
-        self._tree = cache(lambda number: build_tree(self.points[number]))
-        self._occupied = cache(lambda number, size: occupied(self.points[number], size))
+        self.tree = cache(lambda number: build_tree(self.points[number]))
+        self.occupied = cache(lambda number, relative_size=1.0: occupied(self.points[number], relative_size))
+        self.normals = cache(self._normals)
 
-        def normals(number: int) -> Tensor:
-            tree = self._tree(number)
-            return torch.from_numpy(plane_normals(tree.data, tree)).to(points)
-
-        self._normals = cache(normals)
+    def _normals(self, number: int) -> Tensor:
+        tree = self.tree(number)
+        return torch.from_numpy(plane_normals(tree.data, tree)).to(self.points)
 
     def trees(self, objects: Sequence[int]) -> list[cKDTree] | None:
         """Their trees; None on a GPU, where neighbours are found without."""
-        return [self._tree(number) for number in objects] if self.points.device.type == "cpu" else None
-
-    def normals(self, objects: Sequence[int]) -> list[Tensor]:
-        """The unit normals (n, 3) at their points, of either sign."""
-        return [self._normals(number) for number in objects]
-
-    def occupied(self, objects: Sequence[int], relative_size: float = 1.0) -> list[Tensor]:
-        """Their cells (32, 32, 32) bool, as the function `occupied` has them."""
-        return [self._occupied(number, relative_size) for number in objects]
+        return [self.tree(number) for number in objects] if self.points.device.type == "cpu" else None
 
 
 class Target(NamedTuple):

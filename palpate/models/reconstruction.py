@@ -44,8 +44,7 @@ class Reconstruction(nn.Module):
     touches. touch_input: how they reach the vertices. copies_touch: whether their charts are in the mesh as they are.
     With a `correction` the vision charts are bent to the touched points as the last step (`palpate.models.kriging`).
     With `fewer_grasps` a batch may have the touches of any number of grasps up to the experiment's, or of none.
-    Raises ValueError for a combination that can't be: neither vision nor touch, no touch where the strategy is about
-    touch charts, no vision for `no_comm`."""
+    Raises ValueError for a strategy without charts to deform, or inputs that it does not accept."""
 
     NOT_FLOATING = ("success", "mask", "hand", "camera_number")
     # The first layer's weights of inputs that not every model has.
@@ -61,15 +60,9 @@ class Reconstruction(nn.Module):
         templates: Templates | None = None,
     ):
         super().__init__()
-        strategy, plan, vision, touch = experiment.strategy, experiment.plan, experiment.has_vision, experiment.touch
-        if plan.start is None:
-            raise ValueError(f"strategy {strategy!r} deforms no charts: it has another network")
-        if not (vision or touch):
-            raise ValueError("a model needs vision, touch, or both")
-        if plan.needs_touch and not touch:
-            raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
-        if plan.needs_vision and not vision:
-            raise ValueError(f"strategy {strategy} without vision would deform the vision charts without any input")
+        strategy, plan, vision, touch = experiment.strategy, experiment.plan, experiment.vision, experiment.touch
+        if plan.start is None or not plan.accepts(vision, touch):
+            raise ValueError(f"strategy {strategy!r} can't deform charts by vision {vision!r}, touch {touch}")
         if experiment.correction and not experiment.takes_charts:
             raise ValueError(f"strategy {strategy} has no touch charts to correct by")
         if experiment.grasps < 1:
@@ -182,14 +175,12 @@ class Reconstruction(nn.Module):
         """Vertices (V, B, 3) as each graph network deforms them: those that begin as a sphere are the second. known:
         (B,) bool, the samples of which the first is wanted, of others the second; None: of all both. A network that
         none wants is left out."""
-        sphere = self.start[:, None].expand(-1, samples, -1)
-        if known is not None and not known.any():
-            return [self.deform(self.input_products(batch), sphere, None, None, cast(GraphNetwork, self.sphere_gcn))]
-        positions, mask, fixed = self._initial(batch, samples)
-        inputs = self.input_products(batch)
-        found = [self.deform(inputs, positions, mask, fixed, self.gcn)]
+        inputs, found = self.input_products(batch), []
+        if known is None or known.any():
+            found.append(self.deform(inputs, *self._initial(batch, samples), self.gcn))
         if self.sphere_gcn is not None and (known is None or not known.all()):
-            found.append(self.deform(inputs, sphere, mask, fixed, self.sphere_gcn))
+            sphere = self.start[:, None].expand(-1, samples, -1)
+            found.append(self.deform(inputs, sphere, None, None, self.sphere_gcn))
         return found
 
     def _initial(self, batch: Batch, samples: int) -> tuple[Tensor, Tensor | None, Tensor | None]:

@@ -18,7 +18,7 @@ from palpate.sensor import DIGIT, Sensor
 FARTHEST = 0.05  # m, at which the distance of a touched point is capped
 TOUCH_WEIGHT = 200.0  # of the mean squared distance, m^2, beside the intersection over union
 CELLS = 2e5  # of the grid of distances
-PARTS = 4  # of the touched points: an object that can't be among the best after some of them is left
+PARTS = 4  # of the touched points: an object that can't be among the best after some of them is skipped
 EXCLUDED = -1e6  # the fit of an object that is not to be taken. It is finite: the only object there is has a weight
 
 

@@ -171,7 +171,7 @@ class DeformedSphere(SingleImageModel):
         coordinates, and how far edges are from tangential at the nearest true point."""
         truth, objects, n, generator = target
         clouds = [truth.points[number] for number in objects]
-        trees, normals = truth.trees(objects), truth.normals(objects)
+        trees, normals = truth.trees(objects), [truth.normals(number) for number in objects]
         before = self.start.to(truth.points.dtype).expand(len(objects), -1, -1)
         total = truth.points.new_zeros(len(objects))
         for vertices in stages:
@@ -226,7 +226,8 @@ class Voxels(SingleImageModel):
     def loss(self, stages: Sequence[Tensor], target: Target) -> Tensor:
         """Mean cross entropy of the cells, in nats; the true cells are those of all surface points."""
         odds = stages[-1].to(target.truth.points.dtype)
-        there = torch.stack(target.truth.occupied(target.objects, self.relative_size)).to(odds.dtype)
+        cells = [target.truth.occupied(number, self.relative_size) for number in target.objects]
+        there = torch.stack(cells).to(odds.dtype)
         return functional.binary_cross_entropy_with_logits(odds, there, reduction="none").mean(dim=(1, 2, 3))
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:

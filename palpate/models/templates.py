@@ -61,9 +61,22 @@ class Templates(nn.Module):
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
         """Vertices (1824, B, 3) m of vision charts. batch: as `Retrieval` takes it; `excluded` (B,) int64, the number
         of a template that is not taken where there is another, or -1."""
+        keys, count = (SILHOUETTE, NEIGHBOURS) if "mask" in batch else (TOUCH, TOUCH_NEIGHBOURS)
+        starts = []
         # In 16 bits a vertex is placed to a millimetre, and overlaps are good to two digits.
         with torch.autocast(self.shapes.device.type, enabled=False):
-            return self._start(batch).transpose(0, 1)
+            searched = _searched(batch, (*keys, "excluded"))
+            best, fits = self.objects.best(searched, min(count, len(self.shapes)))
+            touched = touched_points(batch) if "charts" in batch else [self.shapes[0, :0]] * len(best)
+            for row, points in enumerate(touched):
+                allowed = fits[row] > EXCLUDED / 2
+                numbers = best[row, allowed] if allowed.any() else best[row]
+                sample = {key: searched[key][row] for key in SILHOUETTE if key in searched}
+                exponent = self._by_silhouette(numbers, **sample) if sample else self._by_touch(numbers, points)
+                nugget = NUGGET if self.kernel is None else float(self.kernel[1])
+                start = conditioned(*kriged(self.shapes[numbers], exponent.exp(), nugget), points)
+                starts.append(displaced(start, sphere()[1], points, BENT))
+        return torch.stack(starts)[:, vision_atlas().position].transpose(0, 1)
 
     def fit(self, batch: Mapping[str, Tensor]) -> Tensor:
         """How well (B,) the best template fits each sample, at most 1: the intersection over union of silhouettes or,
@@ -79,22 +92,6 @@ class Templates(nn.Module):
         """Whether (B,) each sample begins with templates: one of them fits it well enough."""
         fits = self.fit(batch)
         return fits >= self.least_fit[is_touched(batch, len(fits)).long()]
-
-    def _start(self, batch: Mapping[str, Tensor]) -> Tensor:
-        keys, count = (SILHOUETTE, NEIGHBOURS) if "mask" in batch else (TOUCH, TOUCH_NEIGHBOURS)
-        searched = _searched(batch, (*keys, "excluded"))
-        best, fits = self.objects.best(searched, min(count, len(self.shapes)))
-        touched = touched_points(batch) if "charts" in batch else [self.shapes[0, :0]] * len(best)
-        starts = []
-        for row, points in enumerate(touched):
-            allowed = fits[row] > EXCLUDED / 2
-            numbers = best[row, allowed] if allowed.any() else best[row]
-            sample = {key: searched[key][row] for key in SILHOUETTE if key in searched}
-            exponent = self._by_silhouette(numbers, **sample) if sample else self._by_touch(numbers, points)
-            nugget = NUGGET if self.kernel is None else float(self.kernel[1])
-            start = conditioned(*kriged(self.shapes[numbers], exponent.exp(), nugget), points)
-            starts.append(displaced(start, sphere()[1], points, BENT))
-        return torch.stack(starts)[:, vision_atlas().position]
 
     def _by_silhouette(
         self, numbers: Tensor, mask: Tensor, camera_number: Tensor, hand: Tensor | None = None
@@ -137,11 +134,8 @@ def likely_kernel(shapes: Tensor, masks: Tensor) -> Tensor:
     masks: (T, p, p) uint8, their silhouettes. The likelihood is of what does not depend on the mean (restricted:
     Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are unequal"), every coordinate
     has the same variance, and that is the most probable one."""
-    values, one, overlap = (
-        shapes.flatten(1).double(),
-        torch.ones(len(shapes), 1).double(),
-        alike(masks.flatten(1) / 255),
-    )
+    values, overlap = shapes.flatten(1).double(), alike(masks.flatten(1) / 255)
+    one = torch.ones(len(shapes), 1).double()
     kernels = [torch.tensor(kernel, dtype=torch.float64) for kernel in itertools.product(SCALES, NUGGETS)]
     products, unlikely = values @ values.T, []
     for scale, nugget in kernels if len(shapes) > 1 else ():

@@ -121,7 +121,7 @@ def pair(vertices: np.ndarray, faces: np.ndarray, count: int) -> Pair:
     distance = exact(predicted.double().numpy(), atlas.faces.numpy(), points, surface)
     mesh = torch.from_numpy(surface.vertices)[None].float(), torch.from_numpy(surface.faces)
     truth = Truth(sample_faces(*mesh, count, torch.Generator().manual_seed(0)))
-    truth.trees([0])
+    truth.tree(0)
     return Pair(predicted, atlas.faces, truth, distance)
 
 
@@ -143,7 +143,7 @@ def evaluation_score(n: int, case: Pair) -> Draws:
 
     def draw(seed: int) -> float:
         points = sample_faces(case.vertices[None], case.faces, n, torch.Generator().manual_seed(seed))[0]
-        return score(points, case.truth.points[0], case.truth.trees([0])[0]).chamfer
+        return score(points, case.truth.tree(0)).chamfer
 
     return Draws("score", draw(0), draw)
 

@@ -144,7 +144,7 @@ def build(experiment: Experiment, layers: Architecture, naive: Iterable[str] = (
 def copy_weights(engine: Reconstruction, naive: Reconstruction) -> Reconstruction:
     """Copy the weights of `engine` to `naive`; features that only `naive` has get weight 0."""
     weights = naive.state_dict()
-    for name in Reconstruction.INPUT_WEIGHTS:
+    for name in ("image_weight", "reading_weight"):
         if name in weights:
             weights[name].zero_()
     naive.load_state_dict(weights | engine.state_dict())

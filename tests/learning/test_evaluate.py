@@ -244,7 +244,7 @@ def test_touch_charts_and_clouds_are_scored_where_they_are(run):
     side = ((np.arange(100) + 0.5) / 100 - 0.5) * 0.01641
     local = np.stack([depth[rows, columns], side[columns], side[rows]], axis=1)
     cloud = local @ touch["rotation"][index].T + touch["position"][index]
-    found = score(torch.from_numpy(cloud), torch.from_numpy(true), build_tree(torch.from_numpy(true)))
+    found = score(torch.from_numpy(cloud), build_tree(torch.from_numpy(true)))
     assert row["cloud"] == pytest.approx(found.chamfer, rel=1e-3)
     # The chart is the sensor plane: from the true surface to it is the depth, from it to the surface is more.
     felt = touch["depth"][index][np.isfinite(touch["depth"][index])].astype(float)
@@ -257,7 +257,7 @@ def test_a_touch_chart_without_area_is_scored_by_its_vertices(run):
     sensors = np.flatnonzero(grasp.success)
     vertices = grasp.vertices.copy()
     vertices[sensors[1]] = point = grasp.position[sensors[1]]
-    model, empty = TouchDepth(width=4).eval(), torch.zeros(3, 100, 100)
+    model, empty = TouchDepth(width=4).eval(), np.zeros((100, 100, 3), np.uint8)
     with mock.patch.object(type(grasp), "vertices", vertices, create=True):
         _, charts = evaluation._local_scores(model, grasp, sensors, empty, 1000, seeded(0, "a"))
     squared = ((grasp.points[sensors[1]] - point) ** 2).sum(axis=1)

@@ -22,7 +22,7 @@ from palpate.learning.evaluate import Trained, evaluate, evaluate_touch
 from palpate.learning.learners import ReconstructionLearner, TouchDepthLearner
 from palpate.learning.recipes import Settings, TouchDepthSettings
 from palpate.learning.reconstruct import ReconstructionError, Reconstructor
-from palpate.learning.touch_charts import object_charts, read_touches
+from palpate.learning.touch_charts import read_touches, touch_charts
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction, TouchDepth
 from palpate.results import dataset_tables
@@ -77,7 +77,8 @@ def run(tmp_path_factory):
     described = {"width": 2, "sensor": KIND.description()}
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, described)
     touch = store.read(folder / "touch/batch-0000.zarr")
-    vertices = np.stack([object_charts(unet, touch, row) for row in range(len(OBJECTS))])
+    sensors = (touch[key] for key in ("success", "position", "rotation"))
+    vertices = touch_charts(unet, touch["reading"], touch["empty_reading"], *sensors)
     charts = {"object": touch["object"], "vertices": vertices}
     store.write(folder / "charts/batch-0000.zarr", "charts", charts, ATTRIBUTES)
     return folder

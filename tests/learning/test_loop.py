@@ -272,8 +272,8 @@ def test_progress_is_a_few_lines(tmp_path, caplog, capfd):
 def test_a_gpu_that_is_not_there_is_said(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)  # also where there is one
     with pytest.raises(ValueError, match="config training.device is gpu"):
-        Machine("gpu").accelerator()
-    assert Machine("auto").accelerator() == "cpu"
+        Machine("gpu").torch_device()
+    assert Machine("auto").torch_device() == torch.device("cpu")
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.charts import build_tree
-from palpate.learning.metrics import score, seeded, squared_distances
+from palpate.learning.metrics import ring_distances, score, seeded
 from palpate.protocol import pixel2mesh_chamfer
 
 
@@ -32,22 +32,22 @@ def naive(prediction, truth) -> tuple[float, float, float]:
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 40), m=st.integers(1, 40))
 def test_scores_are_those_of_all_pairs(seed, n, m):
     prediction, truth = clouds(seed, n, m)
-    found = score(torch.from_numpy(prediction), torch.from_numpy(truth))
+    found = score(torch.from_numpy(prediction), build_tree(torch.from_numpy(truth)))
     assert found == pytest.approx(naive(prediction, truth), rel=1e-9)
 
 
-def test_float32_clouds_and_a_tree_change_nothing():
+def test_float32_clouds_change_nothing():
     prediction, truth = (torch.from_numpy(cloud).float() for cloud in clouds(1, 200, 300))
-    plain = score(prediction, truth)
-    assert score(prediction, truth, build_tree(truth)) == plain
-    assert plain == pytest.approx(naive(prediction.double().numpy(), truth.double().numpy()), rel=1e-6)
+    found = score(prediction, build_tree(truth))
+    assert found == pytest.approx(naive(prediction.double().numpy(), truth.double().numpy()), rel=1e-6)
 
 
 def test_f1_of_the_truth_is_100_and_of_nothing_near_0():
     cloud, _ = clouds(2, 50, 1)
     cloud = torch.from_numpy(cloud)
-    assert score(cloud, cloud) == (0.0, 100.0, 100.0)
-    assert score(cloud + 1, cloud)[1:] == (0.0, 0.0)
+    tree = build_tree(cloud)
+    assert score(cloud, tree) == (0.0, 100.0, 100.0)
+    assert score(cloud + 1, tree)[1:] == (0.0, 0.0)
 
 
 def test_the_thresholds_are_of_squared_distances_at_the_protocols_scale():
@@ -56,7 +56,7 @@ def test_the_thresholds_are_of_squared_distances_at_the_protocols_scale():
     limit = np.sqrt(1e-4) * 0.5 / 0.57
 
     def shifted(d):
-        return score(cloud + torch.tensor([0, d, 0]), cloud)
+        return score(cloud + torch.tensor([0, d, 0]), build_tree(cloud))
 
     assert shifted(0.999 * limit).f1_tau == 100 and shifted(1.001 * limit).f1_tau == 0
     wider = np.sqrt(2) * limit
@@ -66,16 +66,20 @@ def test_the_thresholds_are_of_squared_distances_at_the_protocols_scale():
 def test_pixel2meshs_chamfer_distance_is_that_of_the_scaled_clouds():
     prediction, truth = clouds(3, 30, 40)
     scaled = naive(prediction * 0.57 / 0.5, truth * 0.57 / 0.5)[0] / 9000
-    ours = score(torch.from_numpy(prediction), torch.from_numpy(truth)).chamfer
+    ours = score(torch.from_numpy(prediction), build_tree(torch.from_numpy(truth))).chamfer
     assert pixel2mesh_chamfer(ours) == pytest.approx(1000 * scaled)
 
 
 def test_clouds_that_are_empty_or_not_finite_are_errors():
     good = torch.zeros(3, 3)
     bad = torch.tensor([[0.0, 0.0, float("nan")]])
-    for one, other in ((good, good[:0]), (good[:0], good), (good, bad), (bad, good)):
+    for wrong in (good[:0], bad):
         with pytest.raises(ValueError, match="empty|NaN"):
-            squared_distances(one, other)
+            score(wrong, build_tree(good))
+        with pytest.raises(ValueError, match="empty|NaN"):
+            ring_distances([good.numpy()], wrong)
+    with pytest.raises(ValueError, match="NaN"):
+        ring_distances([bad.numpy()], good)
 
 
 def test_random_numbers_depend_on_the_names_only():

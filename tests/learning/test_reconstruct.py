@@ -21,7 +21,7 @@ from palpate.learning.checkpoints import CheckpointError
 from palpate.learning.data import ExperimentData
 from palpate.learning.reconstruct import GraspTouches, ReconstructionError, Reconstructor
 from palpate.learning.samples import Assembler, Sample
-from palpate.learning.touch_charts import object_charts
+from palpate.learning.touch_charts import touch_charts
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, TouchDepth
 from palpate.models.templates import MASK, Templates
@@ -114,7 +114,9 @@ def run(tmp_path_factory):
         described = {"experiment": experiment.row(), "architecture": ARCHITECTURE, "camera": camera, "image_size": 256}
         checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
     touch = store.read(folder / f"touch/{BATCH}.zarr")
-    vertices = np.stack([object_charts(unet, touch, row) for row in range(len(touch["object"]))])
+    sensors = [touch[key] for key in ("success", "position", "rotation")]
+    rows = zip(touch["reading"], *sensors, strict=True)  # by themselves, as the pipeline
+    vertices = np.stack([touch_charts(unet, reading, touch["empty_reading"], *of_row) for reading, *of_row in rows])
     charts = {"object": touch["object"], "vertices": vertices}
     store.write(folder / f"charts/{BATCH}.zarr", "charts", charts, ATTRIBUTES)
     rng, count = np.random.default_rng(0), len(touch["object"])
@@ -460,8 +462,19 @@ def test_a_checkpoint_of_another_architecture_schema_or_kind_is_refused(run, tmp
 
 
 def test_a_run_without_its_u_net_is_said_to_have_none(run, tmp_path):
-    with pytest.raises(ReconstructionError, match="touch_depth/best.ckpt does not exist: the U-Net"):
-        Reconstructor(copy_of(run, tmp_path, "charts_touch_2"))
+    model = copy_of(run, tmp_path, "charts_touch_2")
+    missing = pytest.raises(ReconstructionError, match="touch_depth/best.ckpt does not exist: the U-Net")
+    with missing:
+        Reconstructor(model)
+    with missing:
+        reconstruct.TouchCharts(tmp_path / "models/touch_depth")
+
+
+def test_a_checkpoint_is_read_once(run, monkeypatch):
+    verify, read = seal.verify, []
+    monkeypatch.setattr(seal, "verify", lambda path: (read.append(str(path)), verify(path)))
+    Reconstructor(run / "models/charts_occluded/seed-0")
+    assert len(read) == 1
 
 
 def test_a_model_that_takes_no_charts_needs_no_u_net(run, dataset, tmp_path):

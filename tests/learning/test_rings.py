@@ -93,7 +93,7 @@ def test_what_is_behind_the_sensor_is_left_out():
 
 
 def test_in_the_sensors_own_square_rings_are_the_touch_depth():
-    """By the ray casting of the touch room, in double precision, at the grid's points that are pixels."""
+    """By the ray casting of the touch package, in double precision, at the grid's points that are pixels."""
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.02)
     centre = np.array([0.025, 0.003, -0.002])
     touch = RayCaster(ball, centre).trace(np.zeros((1, 3)), np.eye(3)[None])[0]

@@ -104,7 +104,7 @@ def test_pixel2meshs_loss_by_loops(truth):
         for u, v in ((a, b), (b, c), (c, a)):
             neighbours[u].add(v)
             neighbours[v].add(u)
-    cloud, normals = truth.points[1].numpy(), truth.normals([1])[0].numpy()
+    cloud, normals = truth.points[1].numpy(), truth.normals(1).numpy()
 
     def coordinates(vertices):
         return np.array([v - vertices[list(near)].mean(axis=0) for v, near in zip(vertices, neighbours, strict=True)])
@@ -153,22 +153,22 @@ def test_cross_entropy_of_the_cells(truth):
     model = build(experiment("r2n2"), layers("r2n2"))
     found = model.loss([odds], Target(truth, [1, 0], PARTIAL, torch.Generator()))
     for k, number in enumerate((1, 0)):
-        there = truth.occupied([number])[0].numpy()
+        there = truth.occupied(number).numpy()
         probability = 1 / (1 + np.exp(-odds[k].detach().numpy()))
         naive = -np.where(there, np.log(probability), np.log(1 - probability)).mean()
         assert float(found[k].detach()) == pytest.approx(naive)
         assert 0.001 < there.mean() < 0.2
     found[0].backward()
-    there = truth.occupied([1])[0].double()
+    there = truth.occupied(1).double()
     torch.testing.assert_close(odds.grad[0], (odds[0].detach().sigmoid() - there) / 32**3)
     assert not odds.grad[1].any()
 
 
 def test_what_is_derived_from_the_truth_is_made_once(truth):
-    assert truth.normals([1, 0])[0] is truth.normals([1])[0]
-    assert truth.occupied([1, 0])[1] is truth.occupied([0])[0]
+    assert truth.normals(1) is truth.normals(1)
+    assert truth.occupied(0) is truth.occupied(0)
     points = truth.points[1].double().numpy()
-    np.testing.assert_allclose(np.abs(truth.normals([1])[0]), np.abs(plane_normals(points, cKDTree(points))), atol=1e-5)
+    np.testing.assert_allclose(np.abs(truth.normals(1)), np.abs(plane_normals(points, cKDTree(points))), atol=1e-5)
 
 
 @pytest.fixture(scope="module", params=STRATEGIES)

@@ -1,6 +1,7 @@
 """Touches: which are learnt from, whether the U-Net learns, and the charts that it leads to."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,6 +101,12 @@ def test_successful_touches_of_the_split_that_show_something(run):
         touches(run, "test")
 
 
+def test_a_part_of_the_touches_is_made_by_replace(run):
+    every = touches(run, "train")
+    some = replace(every, reading=every.reading[:1], depth=every.depth[:1])
+    assert len(some) == 1 and torch.equal(some.empty, every.empty) and some.sensor is every.sensor
+
+
 def test_the_unet_learns_depth(run, tmp_path):
     learner = TouchDepthLearner(touches(run, "train"), touches(run, "validation"), SETTINGS, 0)
     train(learner, tmp_path / "model", tmp_path / "checkpoints", Machine("cpu"), "test")
@@ -152,10 +159,10 @@ def test_charts_lie_on_the_true_local_surface(run):
 
 
 def test_a_faint_touch_has_the_pixel_that_differs_most():
-    empty = torch.full((3, 100, 100), 100, dtype=torch.uint8)
-    reading = empty.repeat(2, 1, 1, 1)
-    reading[0, :, 30, 70] += 2
-    reading[1, :, 10:20, 10:20] += 60
+    empty = np.full((100, 100, 3), 100, np.uint8)
+    reading = np.stack([empty, empty])
+    reading[0, 30, 70] += 2
+    reading[1, 10:20, 10:20] += 60
     _, valid = predict_depth(TouchDepth(1).eval(), reading, empty)
     assert valid[0].nonzero().tolist() == [[30, 70]]
     assert valid[1].sum() == 100 and valid[1, 10:20, 10:20].all()

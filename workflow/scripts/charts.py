@@ -11,7 +11,7 @@ from palpate import seal, store
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.learning.checkpoints import load_touch_depth, require_sensor
 from palpate.learning.machine import Machine
-from palpate.learning.touch_charts import object_charts
+from palpate.learning.touch_charts import touch_charts
 from palpate.sensor import Sensor
 
 log = logging.getLogger(__name__)
@@ -27,7 +27,8 @@ require_sensor(None, model.sensor, None, sensor, snakemake.input.model)
 vertices = np.empty((*touch["success"].shape, TOUCH_VERTICES, 3), np.float32)
 for place, name in enumerate(names := touch["object"]):  # by themselves, so that charts do not depend on the batch
     log.info("charts %d/%d: %s", place + 1, len(names), name)
-    vertices[place] = object_charts(model, touch, place)
+    of_object = {key: touch[key][place] for key in ("reading", "success", "position", "rotation")}
+    vertices[place] = touch_charts(model, empty=touch["empty_reading"], **of_object)
 model_seal = seal.read(snakemake.input.model)
 made_with = {"touch_depth": snakemake.params.touch_depth}
 made_from = seal.combine(made_with, stored.seal, more={model_seal.label: model_seal.digest})
