@@ -271,8 +271,8 @@ def test_bfloat16_stays_close():
     [
         ("cubes", True, True, 1, "strategy 'cubes'"),
         ("charts", False, False, 1, "can't deform charts by vision 'none', touch False"),
-        ("no_copy", True, False, 1, "'no_copy' .* can't deform charts by vision 'occluded', touch False"),
-        ("no_comm", False, True, 1, "'no_comm' .* can't deform charts by vision 'none', touch True"),
+        ("no_copy", True, False, 1, "'no_copy' can't deform charts by vision 'occluded', touch False"),
+        ("no_comm", False, True, 1, "'no_comm' can't deform charts by vision 'none', touch True"),
         ("charts", True, True, 0, "0 grasps"),
     ],
 )
