@@ -17,8 +17,8 @@ from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.protocol import RINGS
 from palpate.results import model_tables as tables
 from palpate.results import products
-from palpate.results.bootstrap import RESAMPLES
-from palpate.results.errors import Errors, errors, ratio
+from palpate.results.bootstrap import RESAMPLES, ratio
+from palpate.results.errors import Errors, errors
 from palpate.results.model_tables import Experiments
 from palpate.results.page import COLOURS, INK, LABEL, PALE, TITLE, new_figure, picture_grid, save, save_sentence
 from palpate.results.published import stated

@@ -20,8 +20,8 @@ from palpate.experiments import Experiment
 from palpate.learning.rows import QUALITY
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
 from palpate.results import products
-from palpate.results.bootstrap import RESAMPLES
-from palpate.results.errors import AVERAGE, Errors, errors, of_split, ratio
+from palpate.results.bootstrap import RESAMPLES, ratio
+from palpate.results.errors import AVERAGE, Errors, errors, of_split
 from palpate.results.published import has_papers_classes, paper_values, stated, without_paper
 
 if TYPE_CHECKING:
