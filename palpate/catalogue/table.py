@@ -224,13 +224,17 @@ def checksum(path: Path, files: Path | str | None = None) -> str:
     return hashlib.sha256("\n".join([own, *others, ""]).encode()).hexdigest() if others else own
 
 
+def is_unchanged(path: Path, before: str, files: Path | str | None = None) -> bool:
+    """Whether a source file is still the one of this `checksum`; False too if it can't be read."""
+    try:
+        return checksum(path, files) == before
+    except (CatalogueError, OSError):
+        return False
+
+
 def require_unchanged(path: Path, before: str, files: Path | str | None = None) -> None:
     """Raise `palpate.seal.DamagedFile` if a source file is not the one of this `checksum` any more."""
-    try:
-        same = checksum(path, files) == before
-    except CatalogueError:
-        same = False
-    if not same:
+    if not is_unchanged(path, before, files):
         raise DamagedFile(f"{path} has changed while it was read (checksum): start again once it is written")
 
 

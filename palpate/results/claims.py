@@ -80,7 +80,7 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
     for claim in decided:
         measured, names = measured_by[claim["table"]], [term.key for term in claim["terms"]]
         statistics, means = STATISTICS[claim["statistic"]](*map(float, claim["parameters"].split())), _stated(claim)
-        found = [(measured.estimate(names, each, resamples), measured.between_seeds(names, each)) for each in statistics]
+        found = [(measured.estimate(names, one, resamples), measured.between_seeds(names, one)) for one in statistics]
         estimate, spread = found[0]
         rows.append(
             {

@@ -23,6 +23,7 @@ from palpate.camera import Camera
 from palpate.dataset import GraspRecord, ObjectRecord
 from palpate.dataset.reader import FramesRecord, PressRecord
 from palpate.mesh import OBJECT_POSITION, mesh_file
+from palpate.results.page import SENSOR_COLOURS
 from palpate.sensor import Size
 from palpate.touch import empty_reading
 from palpate.viewer.html import data_uri, render, resource
@@ -32,8 +33,6 @@ from palpate.vision.image import linear
 # glTF has y up, the dataset's world z: the scene's root turns one into the other.
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 ROOT, IDENTITY = "world", np.eye(4)
-# sRGB of the sensors, in their order: Okabe and Ito's colours (2008, Color Universal Design).
-SENSOR_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 POINT_COLOUR = "#9a9a9a"  # of a surface without a mesh
 CAMERA_LENGTH = 0.12  # m from a camera to the frame that is drawn for it
 FORCE_LENGTH, FORCE_WIDTH = 0.05, 0.01  # m: length of an arrow for each newton, width of its head
