@@ -515,7 +515,7 @@ def test_stores_made_with_another_hand_are_named_and_the_rest_is_checked(run):
     renewed("frames", lambda joints: joints[..., 1:], "joint_positions", "joint_velocities")(run)
     names = set(palpate.store.read(run / f"touch/{BATCH}.zarr")) - {"object", "empty_reading"}
     renewed("touch", lambda rows: np.concatenate([rows, rows[:, :, :1]], axis=2), *names)(run)
-    add("touch", "reading", (0, 0, 4), 1)(run)
+    add("touch", "reading", (0, 0, 4), 5)(run)
     findings = validate_batch(run, BATCH)
     failed = {(each.check, each.store): each for each in findings if not each.ok}
     assert {*failed} == {("readable", "frames"), ("sensor poses", "touch"), ("reading", "touch")}
