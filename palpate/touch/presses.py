@@ -9,8 +9,8 @@ import numpy as np
 from palpate.batch import UnusableObject
 from palpate.mesh import Geometry
 from palpate.sensor import Sensor
+from palpate.surface import DIRECTIONS, fibonacci_sphere
 from palpate.surface.embree import RayMesh
-from palpate.surface.rays import DIRECTIONS, fibonacci_sphere
 from palpate.touch.gel import NotConverged
 from palpate.touch.rays import RayCaster
 from palpate.touch.reading import face_sensor, face_window, press_sensor, stacked

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.batch import UnusableObject
 from palpate.camera import Camera, rotation_about
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, diagonal
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, read_record
 
 if TYPE_CHECKING:
     from palpate.scene import Scene
@@ -53,7 +53,7 @@ def camera(viewpoint: Iterable[float], size: int = SIZE, scale: float = DIAGONAL
 def render(renderer: "Renderer", scene: "Scene", at: Iterable[Iterable[float]], size: int = SIZE) -> Views:
     """Views of a scene's object from `viewpoints`; raises as `Renderer.render_views`, and UnusableObject if no view
     shows the object."""
-    scale = diagonal(scene.object_folder)
+    scale = read_record(scene.object_folder).get("diagonal", DIAGONAL)
     cameras = [camera(viewpoint, size, scale) for viewpoint in at]
     images = renderer.render_views(scene, cameras)
     if not any(image.mask.any() for image in images):
