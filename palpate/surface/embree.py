@@ -16,21 +16,25 @@ class RayMesh:
 
     def __init__(self, mesh: Mesh):
         """Raises ValueError if none of the mesh's faces has an area."""
-        triangles = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces).reshape(-1, 3)]
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)
+        triangles = vertices[np.asarray(mesh.faces).reshape(-1, 3)]
         with np.errstate(invalid="ignore"):
             normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
             area = np.einsum("fi,fi->f", normals, normals)
         # Written so that it is false for NaN and infinity too.
         self.face = np.flatnonzero((area > 0) & (area < np.inf))
         if not len(self.face):
-            raise ValueError(f"expected a mesh with a face of non-zero area, and none of its {len(area)} faces has one")
+            raise ValueError(f"expected a mesh with at least one face of non-zero area, got {len(area)} faces, none")
         self.triangles = triangles[self.face]
         self.normals = normals[self.face]
         self._scene = EmbreeScene(robust=True)
-        # Of the faces' corners alone: another vertex may be NaN, or so far off that it costs precision.
-        self.low, self.high = self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
+        # Of vertices only those that faces use: a stray one may be NaN, or so far off that it costs precision.
+        faces, used = np.asarray(mesh.faces)[self.face], np.zeros(len(vertices), dtype=bool)
+        used[faces] = True
+        self.low, self.high = vertices[used].min(axis=0), vertices[used].max(axis=0)
         self._centre = (self.low + self.high) / 2
-        TriangleMesh(self._scene, (self.triangles - self._centre).astype(np.float32))
+        index = (np.cumsum(used) - 1)[faces].astype(np.int32)
+        TriangleMesh(self._scene, (vertices[used] - self._centre).astype(np.float32), index)
 
     def first_face(self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None) -> np.ndarray:
         """The face that each ray meets first, from either side: (n,) int32 index into `triangles`, -1 for none.
