@@ -82,12 +82,7 @@ def matrices(cameras: Sequence[Camera]) -> dict[str, np.ndarray]:
 
 def paper_camera(size: int = IMAGE_SIZE) -> Camera:
     """The paper's camera; another size keeps the field of view (34.95 degrees)."""
-    return Camera(np.array(POSITION), euler_rotation(ROTATION), paper_focal_length(size), size)
-
-
-def paper_focal_length(size: int) -> float:
-    """The paper's focal length in pixels, for an image of another size."""
-    return FOCAL_LENGTH * size / IMAGE_SIZE
+    return Camera(np.array(POSITION), euler_rotation(ROTATION), FOCAL_LENGTH * size / IMAGE_SIZE, size)
 
 
 def euler_rotation(angles: Iterable[float]) -> np.ndarray:

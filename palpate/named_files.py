@@ -189,7 +189,7 @@ def texture_pixels(path: Path, root: Path | str | None = None) -> int:
     """Pixels of all pictures that a mesh file names, or holds (.glb), by their heads; 0 of those that can't be used."""
     import PIL.Image  # the workflow plans without it, as a rule
 
-    PIL.Image.MAX_IMAGE_PIXELS = LARGEST_SIDE**2  # PIL refuses twice as many; by itself it refuses 16k textures
+    PIL.Image.MAX_IMAGE_PIXELS = None  # sides are looked at instead; by itself PIL refuses textures of 16k
     named = [path.parent / name for name in companions(path, root, HEAD) if name.lower().endswith(IMAGES)]
     files: list[Path | io.BytesIO] = [file for file in named if os.path.getsize(file) > SMALL]
     if path.suffix.lower() == ".glb" and not unusable(path):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.batch import generator
-from palpate.camera import Camera, euler_rotation, looking_at, paper_camera, paper_focal_length
+from palpate.camera import Camera, euler_rotation, looking_at, paper_camera
 from palpate.configuration import ConfigError
 from palpate.hand.hand import Hand
 from palpate.mesh import OBJECT_POSITION, mesh_file
@@ -150,7 +150,7 @@ def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
             rotation = looking_at(settings["target"], position, up=settings.get("up", (0.0, 0.0, 1.0))).rotation
         except ValueError as error:
             raise ConfigError(f"{where}: {error}") from None
-    focal_length = settings.get("focal_length", paper_focal_length(size))
+    focal_length = settings.get("focal_length", paper_camera(size).focal_length)
     if "field_of_view" in settings:
         focal_length = size / 2 / math.tan(math.radians(settings["field_of_view"]) / 2)
     camera = Camera(position, rotation, float(focal_length), size)

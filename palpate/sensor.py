@@ -38,9 +38,10 @@ class Sensor:
     range: float  # from the sensor plane to the undeformed gel, of a round gel to its apex
     gel_radius: float | None  # of the sphere that a round gel is a cap of; None: flat and as wide as the plane
     gel_face: float  # from the sensor plane to the face that the hand has there, at which contact stops it
-    # `angles` (degrees, of the red, green and blue light around the sensor's axis, from y to z), `radius` and `height`
-    # above the plane at `range`, towards the sensor plane; or a list of lights with a `colour` and a `position` (y, z,
-    # that height) or a `direction` that they are in; or a table of colours over normals: `colour_table`.
+    # One of three forms. A red, a green and a blue light: `angles` (degrees around the sensor's axis, from y to z),
+    # `radius` and `height` (above the plane at `range`, towards the sensor plane). A list of lights, each with a
+    # `colour` and a `position` (y, z, height) or a `direction` towards it. A table of colours over normals:
+    # `colour_table`.
     lights: Mapping[str, Any] | Sequence[Mapping[str, Any]]
     diffuse: float  # lambda, grey levels of a surface that faces a light
     smoothing: Mapping[str, Any] | None = None  # `pyramid`, `last`, `held`: `palpate.touch.shading.smoothed`

@@ -5,7 +5,6 @@ import numpy as np
 from palpate.mesh import Geometry
 from palpate.mesh.distance import Surface
 from palpate.touch import RayCaster
-from palpate.touch.rays import Block
 
 TOLERANCE = 1e-5  # metres: a point this close to the surface has arrived
 
@@ -26,10 +25,9 @@ class SphereTracer(RayCaster):
         vertices = self.mesh.triangles.reshape(-1, 3)
         self._surface = Surface(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
-    def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
-        """Way (rows, columns) of each ray until it arrives, or beyond the sensor's range."""
-        plane = self.sensor.plane[block]
-        start = plane.reshape(-1, 3) @ rotation.T + origin
+    def depth(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Way (r, c) of each ray until it arrives, or beyond the sensor's range."""
+        start = self.sensor.plane.reshape(-1, 3) @ rotation.T + origin
         travelled = np.zeros(len(start))
         moving = np.arange(len(start))
         while len(moving):  # each step is longer than the tolerance
@@ -37,4 +35,4 @@ class SphereTracer(RayCaster):
             moving, distance = moving[distance > self._tolerance], distance[distance > self._tolerance]
             travelled[moving] += distance
             moving = moving[travelled[moving] <= self.sensor.range]
-        return travelled.reshape(plane.shape[:2])
+        return travelled.reshape(self.sensor.resolution)

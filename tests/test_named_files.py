@@ -10,6 +10,7 @@ import pytest
 from palpate import mesh
 from palpate.named_files import (
     HEAD,
+    SMALL,
     companions,
     find,
     is_outside,
@@ -178,6 +179,14 @@ def test_pixels_of_the_largest_picture(tmp_path, monkeypatch):
     PIL.Image.new("L", (16384, 16384)).save(tmp_path / "picture.png")
     monkeypatch.setattr(PIL.Image, "MAX_IMAGE_PIXELS", 89_478_485)
     assert texture_pixels(path) == 16384**2
+
+
+def test_a_picture_that_is_too_large_is_named_so_whatever_ran_before(tmp_path):
+    path = write(tmp_path, "obj", texture=True)
+    (tmp_path / "picture.png").write_bytes(b"P5 33000 33000 255\n" + bytes(SMALL))
+    assert texture_pixels(path) == 0
+    problems = mesh.prepare(path, tmp_path / "out")["source"]["problems"]
+    assert "it has 33000 x 33000 pixels, and at most 16384 a side" in problems["picture.png"]
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ EXPORTS = {
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
         *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "companions", "copies", "copy_lines"),
-        *("mesh_files", "read_catalogue", "require_unchanged", "source_checksums", "sources_of", "splits_of"),
-        "write_catalogue",
+        *("is_unchanged", "mesh_files", "read_catalogue", "require_unchanged", "source_checksums", "sources_of"),
+        *("splits_of", "write_catalogue"),
     ],
     "variants": ["is_collision"],
 }

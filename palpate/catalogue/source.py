@@ -46,7 +46,7 @@ UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout["up"] for kind, l
 
 @dataclass(frozen=True)
 class Source:
-    """The section `source` of a config. Raises CatalogueError for an unknown kind."""
+    """The section `source` of a checked config."""
 
     kind: str  # a key of `UP_AXIS`
     path: Path | str  # its folder
@@ -58,8 +58,6 @@ class Source:
     seed: int = 0  # of these angles
 
     def __post_init__(self) -> None:
-        if self.kind not in UP_AXIS:
-            raise CatalogueError(f"source kind {self.kind!r}: expected one of {', '.join(UP_AXIS)}")
         object.__setattr__(self, "up", self.up or UP_AXIS[self.kind])
 
     @classmethod
@@ -99,7 +97,7 @@ class Source:
         return names.get(folder, unicodedata.normalize("NFC", folder))
 
     def folder_of(self, class_name: str) -> str:
-        """The name of a class's folder. Raises CatalogueError for a name that ShapeNet's synsets are not known by."""
+        """The name of a class's folder. Raises CatalogueError for one of ShapeNet's that `SYNSETS` lacks."""
         if self.kind != "shapenet" or re.fullmatch(r"\d{8}", class_name):
             return class_name
         if class_name not in SYNSETS:

@@ -18,7 +18,7 @@ from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, Catalogu
 from palpate.catalogue.variants import is_general, of_one_object
 from palpate.configuration import ConfigError
 from palpate.named_files import HEAD, UNREAD, unusable
-from palpate.released.layout import SURFACES, read_released, subfolders
+from palpate.released.layout import read_released, subfolders
 
 log = logging.getLogger(__name__)
 
@@ -55,8 +55,6 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
     their files are there or not. classes: the number of objects of each, or "all"; of more, those with the smallest
     hashes are taken. Raises `CatalogueError` for an unknown class, a missing folder, no mesh, fewer than asked for, or
     a link that leads nowhere; `ConfigError` for the file of `objects`."""
-    if not classes:
-        raise CatalogueError("no classes: name at least one, with a number of objects or `all`")
     file_names: dict[str, str] = {}
     for name, count in classes.items():
         if not re.fullmatch(CLASS_NAME, str(name)):
@@ -75,19 +73,13 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
             f"source {source.kind} has one class, the config has {', '.join(classes)}: keep one of them, or say which "
             "object is of which class in a CSV file (source.objects)"
         )
-    everything = _by_class(_candidates(source, None, table), table) if table.gives_classes else {}
+    everything = _by_class(source, table) if source.kind == "released" or table.gives_classes else None
     entries = []
     for name, count in classes.items():
-        if source.kind == "released":
-            released, place = _released(source), root / SURFACES / name
-            candidates = [entry for entry in released if entry.class_name == name]
+        if everything is not None:
+            candidates, place = everything.get(name, []), Path(source.objects or root)
             if not candidates:
-                present = dict.fromkeys(entry.class_name for entry in released)
-                raise CatalogueError(f"{root}: no object of class {name}; it has {listed(present)}")
-        elif table.gives_classes:
-            candidates, place = everything.get(name, []), Path(source.objects or "")
-            if not candidates:
-                raise CatalogueError(f"{place}: no mesh is of class {name}; there are {listed(sorted(everything))}")
+                raise CatalogueError(f"{place}: no object of class {name}; there are {listed(sorted(everything))}")
         else:
             candidates = _candidates(source, name, table)
             own_folder = source.has_class_folders and not source.pattern
@@ -105,21 +97,14 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
 
 
 def style_of(name: str, class_name: str, seed: int) -> str:
-    """The style of a procedural object. Raises CatalogueError for an object of another source."""
-    index = name.removeprefix(f"{class_name}-")
-    if class_name not in shapes.CLASSES or not index.isdigit():
-        raise CatalogueError(
-            f"{name}: only procedural objects have styles: set `split: {{held_out: objects}}` in the config"
-        )
-    return shapes.style(class_name, int(index), seed)
+    """The style of a procedural object."""
+    return shapes.style(class_name, int(name.removeprefix(f"{class_name}-")), seed)
 
 
 def all_classes(source: Source) -> dict[str, Count]:
     """Every class of a source, with all objects: `classes: all`. A class is a folder of the source's path that isn't
     hidden and holds a mesh, at any depth; without folders of classes there is `ONE_CLASS`, but for what `objects` says.
     Raises `CatalogueError` if the folder is missing or holds none, and for procedural objects, which have no end."""
-    if source.kind == "released":
-        return dict.fromkeys([released.class_name for released in _released(source)], "all")
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
     root, table = source.opened()
@@ -135,7 +120,7 @@ def all_classes(source: Source) -> dict[str, Count]:
                 '("*.obj" for files without such folders)'
             )
         return dict.fromkeys(map(source.class_of, full), "all")
-    by_class = _by_class(_candidates(source, None, table), table)
+    by_class = _by_class(source, table)
     if not by_class:
         raise CatalogueError(_no_mesh(source))
     return dict.fromkeys(sorted(by_class), "all")
@@ -284,10 +269,10 @@ def _one_of_each(entries: Iterable[SourceObject]) -> list[SourceObject]:
     return chosen
 
 
-def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:
+def _by_class(source: Source, table: ObjectTable) -> dict[str, list[SourceObject]]:
     """The objects of each class, after what users say of classes."""
     by_class: dict[str, list[SourceObject]] = {}
-    for entry in entries:
+    for entry in _released(source) if source.kind == "released" else _candidates(source, None, table):
         name = table.of(entry.source, entry.class_name).class_name
         by_class.setdefault(name, []).append(entry._replace(class_name=name))
     return by_class
@@ -295,8 +280,6 @@ def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, 
 
 def _described(entry: SourceObject, table: ObjectTable, source: Source) -> SourceObject:
     """An object with its own name, up axis, scale and split."""
-    if source.kind == "released":
-        return entry._replace(up=source.up, scale=source.scale)
     given, path = table.of(entry.source, entry.class_name), Path(source.path, entry.source)
     up, suffix = given.up or source.up, path.suffix.lower()
     if up == "format":
@@ -309,7 +292,7 @@ def _described(entry: SourceObject, table: ObjectTable, source: Source) -> Sourc
         object=_object(entry.class_name, entry.object),
         up=up,
         scale=float(given.scale) if given.scale[:1].isdigit() else given.scale or source.scale,
-        split=given.split,
+        split=given.split or entry.split,
     )
 
 
@@ -333,12 +316,12 @@ def _procedural(source: Source, name: str, count: Count) -> Iterable[SourceObjec
 
 
 def _released(source: Source) -> list[SourceObject]:
-    """All objects of a released dataset. Raises CatalogueError if it can't be read."""
+    """All objects of a released dataset, named as there. Raises CatalogueError if it can't be read."""
     try:
-        objects = read_released(source.path)
+        splits = read_released(source.path)
     except UnusableObject as error:
         raise CatalogueError(str(error)) from None
-    return [SourceObject(_object(it.class_name, it.name), it.class_name, it.source, split=it.split) for it in objects]
+    return [SourceObject(Path(own).stem, Path(own).parent.name, own, split=split) for own, split in splits.items()]
 
 
 @cache
@@ -382,7 +365,8 @@ def _distinct(entries: list[SourceObject]) -> list[SourceObject]:
 
 
 def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) -> list[SourceObject]:
-    """`count` of the entries, by name, if there are enough. Of two alike the one with fewer folders keeps its name."""
+    """`count` of the entries, by name; CatalogueError if there are fewer. Of two with one name the one in fewer
+    folders keeps it."""
     if not entries:
         raise CatalogueError(f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}")
     entries = _distinct(sorted(entries, key=lambda entry: (entry.source.count("/"), entry.source)))

@@ -97,7 +97,7 @@ def splits_of(
     groups: Iterable[Sequence[str]] = (),
 ) -> dict[str, str]:
     """The split of each object by name: that given by the source or the user, else by its name and the config's `split`
-    (`fill`), or with `held_out: styles` by its style (CatalogueError without one). groups: names of `copies`, which are
+    (`fill`), or with `held_out: styles`, of procedural objects, by its style. groups: names of `copies`, which are
     in the split that one of them is given, or else in that of the first; several that are given stay."""
     given, of_class = ({entry.object: getattr(entry, key) for entry in entries} for key in ("split", "class_name"))
     shares = {split: ratios[split] for split in SPLITS}
@@ -153,7 +153,8 @@ def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] |
 def copy_lines(
     groups: Iterable[Sequence[str]], checksums: Mapping[str, str], splits: Mapping[str, str]
 ) -> Iterator[str]:
-    """Lines on objects that are there several times, in one split or in several: the first of `copies` by name."""
+    """Lines on objects that are there several times: first those in one split, then those in several. A line names the
+    first groups only. groups: as `copies` gives them."""
     together: dict[str, list[str]] = {"in one split": [], "IN DIFFERENT SPLITS": []}
     for group in groups:
         place = "in one split" if len({splits[name] for name in group}) == 1 else "IN DIFFERENT SPLITS"
@@ -207,7 +208,7 @@ def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry], made_fr
 def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
     """The files of `palpate.named_files.companions`; of a released surface the object's images and scenes."""
     if path.suffix.lower() == ".npy":
-        return sorted(name for name in layout.files(path) if (path.parent / name).is_file())
+        return layout.files(path)
     return named_files.companions(path, root, head)
 
 
@@ -224,13 +225,17 @@ def checksum(path: Path, files: Path | str | None = None) -> str:
     return hashlib.sha256("\n".join([own, *others, ""]).encode()).hexdigest() if others else own
 
 
+def is_unchanged(path: Path, before: str, files: Path | str | None = None) -> bool:
+    """Whether a source file is still the one of this `checksum`; False too if it can't be read."""
+    try:
+        return checksum(path, files) == before
+    except (CatalogueError, OSError):
+        return False
+
+
 def require_unchanged(path: Path, before: str, files: Path | str | None = None) -> None:
     """Raise `palpate.seal.DamagedFile` if a source file is not the one of this `checksum` any more."""
-    try:
-        same = checksum(path, files) == before
-    except CatalogueError:
-        same = False
-    if not same:
+    if not is_unchanged(path, before, files):
         raise DamagedFile(f"{path} has changed while it was read (checksum): start again once it is written")
 
 

@@ -18,7 +18,8 @@ WORDS = {
     SIMPLIFIED: r"non.?textured untextured simplified simple decimated decim low reduced watertight lod\d+",
     COLLISION: "collisions? collider coll? convex hulls? v.?hacd coacd decomp(osed|osition)? phys(ics)?",
 }
-# These tell objects apart, too (a low table, the hull of a boat): they count beside a file without them only.
+# These words may also be part of an object's name (a low table, the hull of a boat). They count only where another file
+# has the name without them.
 AMBIGUOUS = re.compile(r"models?|mesh(es)?|object|scan|full|raw|high|low|simple|convex|hulls?|col|vis|res|poly", re.I)
 _WORD = "|".join(f"(?P<w{rank}>{'|'.join(words.split())})" for rank, words in WORDS.items())
 _LAST = re.compile(rf"(?:^|[-_. ]+|(?<=[a-z])(?=[A-Z]))(?i:{_WORD})(?P<number>[-_. ]*\d+)?$")

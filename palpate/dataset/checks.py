@@ -24,6 +24,7 @@ from palpate.touch import local_points, shade, shade_pressed
 
 if TYPE_CHECKING:
     from palpate.mesh.distance import Surface
+    from palpate.surface.embree import RayMesh
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
@@ -73,13 +74,26 @@ class CheckedObject:
     folder: Path
     hand: Hand | None = None  # without it grasps and frames are not checked
     sensor: Sensor = DIGIT
-    _surface: "Surface | None" = None
 
     @cached_property
     def mesh(self) -> Geometry:
         """The visual mesh in the world."""
         vertices, faces = load_geometry(self.folder)
         return Geometry(vertices + OBJECT_POSITION, faces)
+
+    @cached_property
+    def surface(self) -> "Surface":
+        """What finds distances to the mesh."""
+        from palpate.mesh.distance import Surface
+
+        return Surface(*self.mesh)
+
+    @cached_property
+    def rays(self) -> "RayMesh":
+        """What casts rays at the mesh, in the world."""
+        from palpate.surface.embree import RayMesh
+
+        return RayMesh(self.mesh)
 
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -104,12 +118,9 @@ class CheckedObject:
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Exact distance (n,) from points (n, 3) in the world to the mesh; NaN for one that is not finite."""
-        from palpate.mesh.distance import Surface
-
         finite, distance = np.isfinite(points).all(axis=1), np.full(len(points), np.nan)
         if finite.any():
-            self._surface = self._surface or Surface(*self.mesh)
-            distance[finite] = self._surface.closest(np.asarray(points, dtype=np.float64)[finite])[0]
+            distance[finite] = self.surface.closest(np.asarray(points, dtype=np.float64)[finite])[0]
         return distance
 
 
@@ -165,8 +176,7 @@ def check_touch(item: CheckedObject) -> Measured:
     if "indentation" in rows:
         yield from _check_pressed(rows, item.sensor)
     else:
-        errors = [_reading_error(depth[i], rows["reading"][i], item.sensor) for i in np.ndindex(count.shape)]
-        yield "reading", np.reshape(errors, count.shape)
+        yield "reading", _reading_error(depth, rows["reading"], item.sensor)
     if can_check("on mesh"):
         distance = np.zeros(count.shape)
         for index in zip(*np.nonzero(count > 0), strict=True):
@@ -243,10 +253,9 @@ def check_press(item: CheckedObject) -> Measured:
         clouds = [item.distance(local_points(*pose, sensor)).max(initial=0) for pose in poses]
         yield "on mesh", np.maximum(item.distance(rows["point"]), clouds)
     if can_check("outside"):
-        from palpate.surface.embree import RayMesh
         from palpate.touch.presses import ways_out
 
-        yield "outside", ways_out(RayMesh(load_geometry(item.folder)), rows["position"] - OBJECT_POSITION) == 0
+        yield "outside", ways_out(item.rays, rows["position"]) == 0
 
 
 def _not_finite(rows: dict[str, np.ndarray], count: int) -> np.ndarray:
@@ -329,11 +338,11 @@ def _step(depth: np.ndarray) -> np.ndarray:
 
 
 def check_together(item: CheckedObject) -> Measured:
-    """Poses and successes of touch against those of the grasps."""
+    """Poses and successes of touch against those of the grasps. Raises ValueError if their numbers differ."""
     grasps, touch = item.rows["grasps"], item.rows["touch"]
-    if len(grasps["touches"]) != len(touch["success"]):
-        yield "sensor poses", np.inf
-        return
+    if grasps["touches"].shape != touch["success"].shape:
+        shapes = f"{touch['success'].shape}, in grasps {grasps['touches'].shape}"
+        raise ValueError(f"grasps and sensors of an object are {shapes}")
     position = np.abs(grasps["sensor_position"] - touch["position"]).max(axis=2)
     rotation = np.abs(grasps["sensor_rotation"] - touch["rotation"]).max(axis=(2, 3))
     yield "sensor poses", np.maximum(position, rotation)
@@ -368,11 +377,13 @@ OF_STAGE: dict[str, Callable[[CheckedObject], Measured]] = {
 }
 
 
-def _reading_error(depth: np.ndarray, reading: np.ndarray, sensor: Sensor) -> float:
-    """Largest difference of a stored reading from the shading of the depth map, grey levels."""
-    if not np.isfinite(depth).any():  # of a sensor that touched nothing, none is stored
-        return float(reading.max())
-    return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
+def _reading_error(depth: np.ndarray, reading: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Largest difference (g, s) of stored readings from the shading of the depth maps, grey levels; inf of a map that
+    can't be shaded."""
+    touched, valid = np.isfinite(depth).any(axis=(2, 3)), (depth > -np.inf).all(axis=(2, 3))
+    expected = np.zeros(reading.shape, int)  # of a sensor that touched nothing, none is stored
+    expected[touched & valid] = shade(depth[touched & valid], sensor)
+    return np.where(touched & ~valid, np.inf, np.abs(expected - reading).max(axis=(2, 3, 4)))
 
 
 def _check_pressed(rows: dict[str, np.ndarray], sensor: Sensor) -> Iterator[tuple[str, np.ndarray]]:
@@ -400,11 +411,8 @@ def _depth_in_hand(hand: Hand, link_pose: np.ndarray, points: np.ndarray) -> flo
 def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
     """Share of pixels where mask or depth differ from rays cast at the mesh through the pixels' centres. Where the mesh
     is transparent, they may show what lies behind it, or nothing."""
-    from palpate.surface.embree import RayMesh
-
-    camera = pictures.camera
+    camera, mesh = pictures.camera, item.rays
     rays = camera.rays().reshape(-1, 3)
-    mesh = RayMesh(item.mesh)
     face = mesh.first_face(np.broadcast_to(camera.position, rays.shape), rays)
     hit = face >= 0
     normal, corner = mesh.normals[face[hit]], mesh.triangles[face[hit], 0]

@@ -7,11 +7,11 @@ from typing import Any
 
 from palpate.catalogue import CatalogueEntry
 from palpate.configuration import not_among
-from palpate.dataset.run import Run, shaded
+from palpate.dataset.run import Run
 from palpate.store.contract import CONTRACT, ArraySpec, arrays_by_name
 from palpate.store.files import StoreError
 
-# What a sensor reads at each frame: made of the stored depth.
+# What a sensor reads at each frame: `Run.read` makes it of the stored depth.
 FRAMES_READING = replace(
     CONTRACT["touch"].arrays["reading"],
     shape=(*"ogfsrc", 3),
@@ -96,10 +96,6 @@ class GraspDataset(Sequence):
         item[self.unit] = grasp
         for name, (stage, spec) in self.sources.items():
             place: tuple[int | slice, ...] = (grasp,) if spec.of_grasps or spec.of_presses else ()
-            if spec == FRAMES_READING:
-                depth = self._run.read(stage, "depth", entry, place)
-                item[name] = shaded(depth, self._run.store(stage, entry.batch).sensor)
-                continue
             place += (slice(None),) if spec.of_frames else ()
             if spec.of_cameras and self._camera is not None:
                 place += (self._camera,)

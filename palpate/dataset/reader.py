@@ -344,12 +344,6 @@ class _Record:
             raise IndexError(f"{self!r} has no camera {number}: it has {self.cameras}, numbered from 0")
         return type(self)(self._run, self._entry, *self._grasp, camera=number)
 
-    @property
-    def vision_camera(self) -> Camera:
-        """The camera of its images; `vision_camera.pose()` (4, 4), `.project(points)`, `.rays()`."""
-        size = self._run.store("vision", self._entry.batch).header("unoccluded")[0][2]
-        return Camera.from_matrices(self.intrinsics, self.extrinsics, size)
-
     def __getattr__(self, name: str) -> np.ndarray:
         hint = nearest(name, dir(type(self)))
         raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}; its arrays are {', '.join(self.stage_of)}")
@@ -370,6 +364,12 @@ class ObjectRecord(_Record):
     def mesh(self) -> Path:
         """Folder of its meshes, which are in its own frame: centred at the origin, not at (0, 0, 0.6)."""
         return self._run.meshes(self.batch) / self.name
+
+    @property
+    def vision_camera(self) -> Camera:
+        """The camera of its images; `vision_camera.pose()` (4, 4), `.project(points)`, `.rays()`."""
+        size = self._run.store("vision", self.batch).header("unoccluded")[0][2]
+        return Camera.from_matrices(self.intrinsics, self.extrinsics, size)
 
     @property
     def drawn(self) -> dict[str, Any]:
@@ -410,6 +410,11 @@ class _Part(_Record, has_arrays=False):
     def object(self) -> ObjectRecord:
         """The object that is touched, seen by the same camera."""
         return ObjectRecord(self._run, self._entry, self.camera_number)
+
+    @property
+    def vision_camera(self) -> Camera:
+        """The camera of the object's images."""
+        return self.object.vision_camera
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._entry.object!r}, {self.number})"

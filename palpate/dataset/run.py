@@ -67,7 +67,7 @@ class Run:
 
     @cached_property
     def values(self) -> dict[str, Any]:
-        """Values of the config by their path, and those that stores state and the config does not have."""
+        """Values of the config by their path. A store that is read adds what it states besides."""
         return seal.by_path(self.config)
 
     @cached_property
@@ -172,8 +172,7 @@ class Run:
     def require_current(self, path: Path) -> None:
         """Raise StoreError if an output is not as it was written, or was made from something else than the run has."""
         with reading(path):
-            sealed = seal.find(path)
-            if sealed:
+            if sealed := seal.find(path):
                 sealed.require()
                 self._require_current(sealed)
 
@@ -203,7 +202,10 @@ class Run:
 
     def read(self, stage: str, name: str, entry: CatalogueEntry, index: tuple[int | slice, ...] = ()) -> np.ndarray:
         """What `index` picks of the object's row of an array, as it is stored; but for readings: see `fill_untouched`.
-        Raises StoreError as `store` and `row` do."""
+        Those of frames, whose stores have none, are shaded from whole depth maps. Raises StoreError as `store` and
+        `row` do."""
+        if (stage, name) == ("frames", "reading"):
+            return shaded(self.read(stage, "depth", entry, index), self.store(stage, entry.batch).sensor)
         row, store = self.row(stage, entry), self.store(stage, entry.batch)
         values = store.get(name, (row, *index))
         if (stage, name) != ("touch", "reading"):
@@ -227,7 +229,7 @@ class Run:
     def grasps(self, entry: CatalogueEntry) -> int:
         """Grasps of the object, by the first stage that has grasps."""
         stages = [stage for stage, spec in CONTRACT.items() if any(array.of_grasps for array in spec.arrays.values())]
-        stage = next((stage for stage in stages if self.has(stage)), stages[0])
+        stage = next(filter(self.has, stages), stages[0])
         name = next(name for name, array in CONTRACT[stage].arrays.items() if array.of_grasps)
         return self._count(stage, name, entry)
 

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.batch import read_rejections
-from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue
+from palpate.catalogue import SPLITS, CatalogueEntry, is_unchanged, read_catalogue
 from palpate.dataset import checks
 from palpate.dataset.checks import CHECKS, CheckedObject, Measured
 from palpate.dataset.run import Run
@@ -82,12 +82,19 @@ class _Batch:
         self.findings.append(Finding(check, store, self.name, object, where, value, limit))
 
     @contextmanager
-    def reading(self, stage: str, object: str = "") -> Iterator[None]:
-        """Context in which an error of reading a store becomes a finding and ends the block."""
+    def reading(
+        self, stage: str, object: str = "", beside: Iterable[str] = (), check: str = "readable"
+    ) -> Iterator[None]:
+        """Context in which an error of reading a store becomes a finding and ends the block. So does an error of arrays
+        that do not fit the stores `beside`, as those of another hand: it is a finding of `check`."""
         try:
             yield
         except StoreError as error:
             self.add("readable", stage, 1, object, str(error))
+        except (LookupError, TypeError, ValueError) as error:  # what numpy and Hand raise for other shapes
+            path, others = self.run.folder / CONTRACT[stage].path(self.name), ", ".join(beside) or "the run"
+            why = f"{type(error).__name__}: {error}; build them again from one config"
+            self.add(check, stage, np.inf, object, f"{path} does not fit {others}: {why}")
 
     def open(self, stage: str) -> None:
         """Open the store; adds a finding if its names, shapes or types violate the contract."""
@@ -158,15 +165,17 @@ class _Batch:
             if name in self.objects[stage] and not (stage in ("grasps", "frames") and hand is None):
                 row, specs = self.objects[stage].index(name), CONTRACT[stage].arrays
                 stored = (key for key, spec in specs.items() if spec.of_objects and key in self.arrays[stage])
-                with self.reading(stage, name):
+                with self.reading(stage, name, beside=[*item.rows]):
                     item.rows[stage] = {key: self.stores[stage].get(key, row) for key in stored}
                     check = checks.OF_STAGE.get(stage, partial(checks.check_values, stage))
                     self.measure(stage, name, check(item))
         if {"grasps", "touch"} <= set(item.rows):
-            self.measure("touch", name, checks.check_together(item))
+            with self.reading("touch", name, beside=["grasps"], check="sensor poses"):
+                self.measure("touch", name, checks.check_together(item))
 
     def measure(self, store: str, name: str, measured: Measured) -> None:
         """Add the worst value of each check; NaN counts as infinite."""
+        sensors = dict(enumerate(self.sensor_names))  # of the hand: a store made with another may have more
         for check, values in measured:
             values = np.asarray(values, dtype=float)
             values = np.where(np.isnan(values), np.inf, values)
@@ -174,7 +183,7 @@ class _Batch:
             if worst > 0 and values.ndim:  # "grasp 2, sensor thumb"
                 number, *sensor = np.unravel_index((values == worst).argmax(), values.shape)
                 unit = "press" if store == "press" else "grasp"
-                where = ", ".join([f"{unit} {number}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
+                where = ", ".join([f"{unit} {number}", *(f"sensor {sensors.get(i, i)}" for i in sensor)])
             self.add(check, store, worst, name, where)
 
 
@@ -188,11 +197,9 @@ def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, other
     for stage, path in paths.items():
         if stage in stages or (path.exists() and (others or stage == "exr")):
             damage, difference, sealed = look_at(run, path)
-            findings.append(
-                _finding("files", stage, batch, [damage] if damage else [], sealed.digest if sealed else "")
-            )
+            findings.append(_finding("files", stage, batch, [damage], sealed.digest if sealed else ""))
             if sealed:
-                findings.append(_finding("made from", stage, batch, [difference] if difference else []))
+                findings.append(_finding("made from", stage, batch, [difference]))
     return findings
 
 
@@ -200,8 +207,7 @@ def look_at(run: Run, path: Path, digest_of: DigestOf | None = None) -> tuple[st
     """An output of a run: what is wrong with its files, how it was made from something else than the run has now, both
     with the remedy and empty if nothing is; and its seal, if it is whole. digest_of: by default `Run.digest`."""
     try:
-        sealed = seal.find(path)
-        if sealed:
+        if sealed := seal.find(path):
             sealed.require()
     except (DamagedFile, OSError) as error:
         return str(error), "", None
@@ -210,8 +216,9 @@ def look_at(run: Run, path: Path, digest_of: DigestOf | None = None) -> tuple[st
 
 
 def _finding(check: str, store: str, batch: str, wrong: Iterable[str], passed: str = "") -> Finding:
-    """The finding of a check that passes if nothing is wrong; passed: what `where` says then."""
-    wrong = sorted(wrong)
+    """The finding of a check that passes if nothing is wrong; passed: what `where` says then. Empty texts of what is
+    wrong do not count."""
+    wrong = sorted(filter(None, wrong))
     return Finding(check, store, batch, "", ", ".join(wrong[:NAMED]) or passed, len(wrong), CHECKS[check].limit)
 
 
@@ -336,11 +343,10 @@ def combine_validation(
         if difference and not (batch.startswith("batch-") and batch not in opened.batches):  # of an earlier config
             outdated.append(difference)
     catalogue = read_catalogue(run / "catalogue.csv")
-    twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)
+    counts = Counter(entry.object for entry in catalogue)
+    misplaced = {each.object for each in catalogue if counts[each.object] > 1 or each.split not in SPLITS}
     of_run = [
-        _finding(
-            "one split", "catalogue", "", {*twice, *(each.object for each in catalogue if each.split not in SPLITS)}
-        ),
+        _finding("one split", "catalogue", "", misplaced),
         _finding("tables", "run", "", damaged),
         _finding("made from", "run", "", outdated),
     ]
@@ -359,14 +365,8 @@ def combine_validation(
 
 def _check_sources(run: Path, catalogue: list[CatalogueEntry], root: Path) -> Finding:
     """Source files against the catalogue, by their checksums."""
-
-    def same(entry: CatalogueEntry) -> bool:
-        try:
-            return checksum(root / entry.source, root) == entry.checksum
-        except (CatalogueError, OSError):
-            return False
-
-    changed = (str(root / entry.source) for entry in catalogue if not same(entry))
+    paths = [(root / entry.source, entry.checksum) for entry in catalogue]
+    changed = [str(path) for path, before in paths if not is_unchanged(path, before, root)]
     finding = _finding("sources", "catalogue", "", changed)
     if finding.ok:
         return finding

@@ -47,7 +47,7 @@ class AntipodalGrasper(Grasper):
         Raises UnusableObject for a hand whose fingers can't oppose each other."""
         self.grip, self.is_loose = grip, is_loose
         super().__init__(*args, **kwargs)
-        self.rays, self.ways = RayMesh(self.visual), oppositions(self.workspace)
+        self.ways = oppositions(self.workspace)
         if not len(self.ways.joints):
             raise UnusableObject(f"no two fingers of hand {self.hand.name!r} oppose each other: name them (`opposes`)")
 
@@ -64,7 +64,7 @@ class AntipodalGrasper(Grasper):
         """As `Grasper.attempt`, about a random pair of points at which the hand is clear of the object and itself."""
         tried, widest, simulation = 0, float(self.ways.width.max()), self.simulation
         for _ in range(PLACEMENTS):
-            pairs = opposing_points(self.surface, self.rays, self.hold["friction"], widest, rng)
+            pairs = opposing_points(self.surface, self.caster.mesh, self.hold["friction"], widest, rng)
             for pair in pairs[: PLACEMENTS - tried]:
                 tried += 1
                 placed = place(self.workspace, self.ways, pair, self.surface, rng)

@@ -34,7 +34,6 @@ class Closed(NamedTuple):
 
     joint_positions: np.ndarray  # (J,)
     finite: bool  # False if the engine warned or gave NaN: not to be used
-    warnings: int  # of the engine, NaN and infinity among them
     settled: bool  # False if the hand isn't at rest
 
 
@@ -138,10 +137,9 @@ class GraspSimulation:
             before = data.qvel.copy()
         mujoco.mj_energyVel(model, data)
         # A NaN resets the state silently; only the warnings tell.
-        warnings = int(sum(warning.number for warning in data.warning))
-        finite = warnings == 0 and bool(np.isfinite(data.qpos).all())
+        finite = not any(warning.number for warning in data.warning) and bool(np.isfinite(data.qpos).all())
         settled = bool(data.energy[1] <= SETTLED * max(work, NO_WORK))
-        return Closed(data.qpos[self._joints].copy(), finite, warnings, settled)
+        return Closed(data.qpos[self._joints].copy(), finite, settled)
 
     def frames(self, targets: np.ndarray, steps: Collection[int]) -> Iterator[mujoco.MjData]:
         """The state after each of these numbers of steps of `close`, of which 0 is the present state; as `closing`."""

@@ -16,14 +16,14 @@ from palpate.grasp.contacts import Contacts, contacts, pad_forces
 from palpate.grasp.hold import DIRECTIONS, GRAVITY, HoldSimulation, body_of
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
-from palpate.grasp.targets import Workspace, palm_pose, with_normals
+from palpate.grasp.targets import Surface, Workspace, palm_pose
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT, Sensor
 from palpate.touch import RayCaster
 
 # The workspace belongs to the hand: the same for every object and run.
-workspace_of = lru_cache(maxsize=1)(lambda hand: Workspace(hand, np.random.default_rng(0)))
+workspace_of = lru_cache(maxsize=1)(Workspace)
 
 # Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/evidence/grasps.md).
 THUMB_SHARE = 0.15
@@ -92,10 +92,12 @@ class Grasper:
         self.hand, self.max_penetration, self.thumb_share, self.timestep = hand, max_penetration, thumb_share, timestep
         self.hold, self.only_held = dict(hold or {}), only_held
         self.workspace = workspace_of(hand)
-        self.surface = with_normals(surface_points[:4000], visual)  # those that placement and targets choose from
         self.collision, self.patches = collision, surface_patches(collision)
         if not self.patches:
             raise UnusableObject("the collision mesh has no surface that a finger could stop at")
+        self.caster = RayCaster(visual, sensor=sensor)  # decides which sensors touch
+        points = np.ascontiguousarray(surface_points[:4000], dtype=float)  # that placement and targets choose from
+        self.surface = Surface(points, self.caster.mesh.normals_at(points))
         self.simulation = self.simulate()
         palm, patches = int((hand.geom_collides & (hand.geom_link == 0)).sum()), len(self.patches)
         self.omitted = {
@@ -105,7 +107,6 @@ class Grasper:
         }
         self.check = PenetrationCheck(hand, visual)
         self.check.require_open(max_penetration)
-        self.visual, self.sensor = visual, sensor
 
     def simulate(self) -> GraspSimulation:
         """The simulation of a closing."""
@@ -113,7 +114,7 @@ class Grasper:
 
     def loose(self, kind: Callable[..., Any] = HoldSimulation, **more: Any) -> Any:
         """A simulation of the object with its mass and friction."""
-        body = body_of(self.collision, self.hold["density"])
+        body = body_of(self.collision, self.hold["density"], self.patches)
         return kind(self.hand, self.patches, body, self.hold["friction"], self.timestep, **more)
 
     @cached_property
@@ -133,13 +134,8 @@ class Grasper:
         return self.hand.follow(positions)
 
     def at_rest(self, touching: Contacts) -> dict[str, np.ndarray] | str:
-        """What else a grasp with these contacts has, by name; or the reason for which it is none."""
+        """Further arrays of a grasp with these contacts, by name; or the reason for which the attempt fails."""
         return {}
-
-    @cached_property
-    def caster(self) -> RayCaster:
-        """The ray caster that decides which sensors touch."""
-        return RayCaster(self.visual, sensor=self.sensor)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
         """One random placement and closing: the grasp, or the reason for failing."""

@@ -22,7 +22,7 @@ RESTED = 0.1  # s in which forces come to rest
 GAIN = 10 * STIFFNESS  # N m / rad: the object's weight moves the hand's servos by millimetres at most
 GRIPPED = 0.95  # share of the duration in which the grip grows and follows the fingers; then servos hold
 UPDATE = 5  # time steps after which the servos' targets follow the fingers
-STRONGEST = 4.0  # of the servos' limit, over the grip (of hinges at `ARM`): a driver may move two jaws
+FORCE_LIMIT = 4.0  # largest force of a servo, in grips; of a hinge, at `ARM` from its axis. A servo may move two jaws
 LEAST_MASS = 0.05  # kg, about a jaw's: fingers sink into lighter objects, whose contacts are as soft as they are light
 DRAG = 0.01  # s in which a loose object loses its speed while the hand closes, as if it lay on a table
 
@@ -36,11 +36,11 @@ class Body(NamedTuple):
     solid: bool  # of the volume that the mesh encloses, not of a convex hull
 
 
-def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
+def body_of(mesh: trimesh.Trimesh, density: float, patches: list[np.ndarray] | None = None) -> Body:
     """The object as a body; density: kg / m^3. Its volume is what the mesh encloses if it is closed, and else the
-    convex hull of its `surface_patches`, which are thick where a mesh is flat."""
+    convex hull of its `surface_patches`, which are thick where a mesh is flat. patches: those, if they are made."""
     solid = bool(mesh.is_volume)
-    volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(surface_patches(mesh)))
+    volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(patches or surface_patches(mesh)))
     return Body(float(density * volume.volume), volume.center_mass, density * volume.moment_inertia, solid)
 
 
@@ -128,7 +128,7 @@ class GripSimulation(HoldSimulation):
         super().__init__(hand, patches, body, *args, **{"stiffness": GAIN, **more})
         model = self.model
         model.opt.impratio = 100  # friction's stiffness over the normal's: with 1, what is gripped askew creeps
-        limit = STRONGEST * grip * np.where(hand.joint_slides[self._drivers], 1.0, ARM)
+        limit = FORCE_LIMIT * grip * np.where(hand.joint_slides[self._drivers], 1.0, ARM)
         model.actuator_forcerange[:] = np.stack([-limit, limit], axis=-1)
         self._moves = sensor_joints(hand) @ (hand.joint_driver[:, None] == hand.joint_driver)[:, hand.drivers]
         self._drag = np.repeat([model.body_mass[self._object], model.body_inertia[self._object].mean()], 3) / DRAG

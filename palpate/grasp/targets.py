@@ -2,9 +2,7 @@
 
 from typing import NamedTuple
 
-import igl
 import numpy as np
-import trimesh
 from scipy.spatial import cKDTree
 
 from palpate.hand import Hand
@@ -28,18 +26,6 @@ class Surface(NamedTuple):
     normals: np.ndarray
 
 
-def with_normals(points: np.ndarray, mesh: trimesh.Trimesh) -> Surface:
-    """Surface points (N, 3) with the normals of the faces of `mesh` that they are on."""
-    points = np.ascontiguousarray(points, dtype=float)
-    vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
-    _, face, _ = igl.point_mesh_squared_distance(points, vertices, faces)
-    corners = vertices[faces[face]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    good = length > 0
-    return Surface(points[good], normals[good] / length[good, None])
-
-
 def palm_pose(hand: Hand, surface: Surface, rng: np.random.Generator) -> np.ndarray:
     """A palm pose (4, 4): at a random point, the palm's normal into the surface, random turn and gap."""
     chosen = rng.integers(len(surface.points))
@@ -55,8 +41,8 @@ def palm_pose(hand: Hand, surface: Surface, rng: np.random.Generator) -> np.ndar
 class Workspace:
     """Reachable positions and directions of a hand's sensors, in the palm frame; the same for every object."""
 
-    def __init__(self, hand: Hand, rng: np.random.Generator):
-        self.hand = hand
+    def __init__(self, hand: Hand):
+        self.hand, rng = hand, np.random.default_rng(0)
         self.contact_distance = hand.contact_distance()
         self.chains = sensor_joints(hand)
         # Also those that joints of the chain drive or follow: (s, J) bool.

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,7 @@ MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itse
 # more than 0.0006.
 MAX_OUT_OF_RANGE = 0.001
 DURATION = 0.4  # s that a hand takes to close
-# Of `Hand`: attributes that are tuples; types of arrays that are not float, by the second word of their names.
-TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names", "joint_names")
+# Of `Hand`: types of arrays that are not float, by the second word of their names.
 DTYPES = {"parent": int, "link": int, "driver": int, "slides": bool, "collides": bool, "thumb": bool}
 Rows = Sequence[Sequence[Any]]
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
@@ -90,11 +89,12 @@ class Hand:
         Geoms that collide do so with each other, but for `adjacent_links`."""
         values: dict[str, Any] = {}
         for group, own in rows.items():
-            attributes = [field.name for field in fields(cls) if field.name.startswith(f"{group}_")]
+            attributes = [field for field in fields(cls) if field.name.startswith(f"{group}_")]
             columns: Iterable[tuple] = zip(*own, strict=True) if own else [()] * len(attributes)
             for attribute, column in zip(attributes, columns, strict=True):
-                dtype = DTYPES.get(attribute.split("_")[1], float)
-                values[attribute] = column if attribute in TUPLES else np.array(column, dtype=dtype)
+                dtype = DTYPES.get(attribute.name.split("_")[1], float)
+                is_tuple = get_origin(attribute.type) is tuple
+                values[attribute.name] = column if is_tuple else np.array(column, dtype=dtype)
         values["joint_range"] = values["joint_range"].reshape(-1, 2)
         values |= {"open_joint_positions": np.array(opened), "palm_anchor": palm_anchor}
         hand = cls(name, **values, colliding_pairs=np.zeros((0, 2), dtype=int))

@@ -293,12 +293,13 @@ class _Reader:
             if link != 0:
                 raise ConfigError(f"{self.source}: anchor {name!r} is not on the palm's body")
             return anchor
-        model, faces = self.model, [0.0]  # the largest x of each geom's bounding box in the palm's frame
+        model = self.model
+        faces: list[float] = []  # the largest x of each geom's bounding box in the palm's frame
         for geom in geoms:
             if self.link_of_body[model.geom_bodyid[geom]] == 0:
                 turn, centre, half = _rotation(model.geom_quat[geom])[0], *np.split(model.geom_aabb[geom], 2)
                 faces.append(model.geom_pos[geom, 0] + turn @ centre + np.abs(turn) @ half)
-        anchor[0, 3] = max(faces[1:], default=0.0)
+        anchor[0, 3] = max(faces, default=0.0)
         return anchor
 
     def _geom(self, geom: int) -> tuple:

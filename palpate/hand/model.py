@@ -16,7 +16,8 @@ DAMPING = 0.01  # N m s / rad
 # kg m^2, of the open hand's links about a hinge: three times the armature. Heavier links swing past their targets and
 # still move at the end of a closing: a hand of twice the Allegro's size, by 7 degrees.
 LARGEST_INERTIA = 1.5e-3
-# m, about a finger's length: a slide has a hinge's stiffness and masses over its square, and forces over it.
+# m, about a finger's length. It makes a slide's constants of a hinge's: stiffness, damping and armature are divided by
+# its square, and the largest torque by itself.
 ARM = 0.1
 LIMITED = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_TRUE
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7  # of links without a volume of their own (a second hinge of one body)
@@ -31,28 +32,27 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
     spec.compiler.degree = False
     spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS, LEAST_INERTIA
+    squared_arm = np.where(hand.joint_slides, ARM**2, 1.0)  # (J,), by which a hinge's constants are divided
+    armature = ARMATURE / squared_arm
     bodies: list[mujoco.MjsBody] = []
     for link, name in enumerate(hand.link_names):
         parent = spec.worldbody if link == 0 else bodies[hand.link_parent[link]]
         body = parent.add_body(name=name, pos=hand.link_position[link], quat=quaternion(hand.link_rotation[link]))
         bodies.append(body)
         for joint in np.flatnonzero(hand.joint_link == link):
-            slides = hand.joint_slides[joint]
             added = body.add_joint(name=name, axis=hand.joint_axis[joint], range=hand.joint_range[joint])
-            added.type = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+            added.type = mujoco.mjtJoint.mjJNT_SLIDE if hand.joint_slides[joint] else mujoco.mjtJoint.mjJNT_HINGE
             added.limited = LIMITED[int(hand.joint_driver[joint] == joint)]
-            added.armature, added.damping = at_arm(ARMATURE, slides), [at_arm(DAMPING, slides), 0, 0]
+            added.armature, added.damping = armature[joint], [DAMPING / squared_arm[joint], 0, 0]
     names = [hand.link_names[link] for link in hand.joint_link]
-    armature = np.where(hand.joint_slides, at_arm(ARMATURE, True), ARMATURE)
     moved = hand.follow_slopes(hand.open_joint_positions) ** 2 * armature[:, None]
     for joint in hand.drivers:
-        slides = hand.joint_slides[joint]
         servo = spec.add_actuator(name=names[joint], target=names[joint], trntype=mujoco.mjtTrn.mjTRN_JOINT)
         # Critically damped against the armature, with that of joints that follow.
-        kp, share = at_arm(stiffness, slides), moved[:, joint].sum() / armature[joint]
-        servo.set_to_position(kp=kp, kv=at_arm(2 * np.sqrt(stiffness * ARMATURE), slides) * np.sqrt(share))
+        kp, share = stiffness / squared_arm[joint], moved[:, joint].sum() / armature[joint]
+        servo.set_to_position(kp=kp, kv=2 * np.sqrt(stiffness * ARMATURE) / squared_arm[joint] * np.sqrt(share))
         servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        force = MAX_TORQUE / ARM if slides else MAX_TORQUE
+        force = MAX_TORQUE / np.sqrt(squared_arm[joint])
         servo.forcerange = [-force, force]
     for joint in np.setdiff1d(np.arange(len(names)), hand.drivers):
         spec.add_equality(
@@ -79,16 +79,10 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
     model = spec.compile()
     model.qpos0[:] = hand.open_joint_positions
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    squared_arm = np.where(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, ARM**2, 1.0)  # a joint a degree of freedom
     inertia = (squared_arm * (model.dof_M0 - model.dof_armature)).max(initial=0)
     for geom in spec.geoms:
         geom.density *= min(1.0, LARGEST_INERTIA / max(inertia, 1e-300))
     return spec
-
-
-def at_arm(constant: float, slides: bool) -> float:
-    """A hinge's constant, divided by the square of `ARM` for a slide."""
-    return constant / ARM**2 if slides else constant
 
 
 def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> mujoco.MjsGeom:

@@ -18,7 +18,7 @@ from palpate.catalogue import SPLITS
 from palpate.configuration import nearest
 from palpate.dataset.summary import kind_of_reason
 from palpate.hand import Hand
-from palpate.interchange.layouts import Contents, versions
+from palpate.interchange.layouts import Contents, pictures, versions
 from palpate.store.contract import FRAMES
 from palpate.store.files import StoreError
 
@@ -49,7 +49,7 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
     """Write the card into an export's folder: its contents, how it was made, its checks and errors, its terms.
     digests: of the stores that the arrays are from, by stage and batch. Names and reasons, from meshes, are escaped.
     Raises StoreError for a damaged `last_run.json`."""
-    dataset, splits, layout, licence, _ = contents
+    dataset, splits, layout, licence = contents.dataset, contents.splits, contents.layout, contents.licence
     hand = dataset[0].hand if "grasps" in dataset.stages else None
     number, config, url = sum(map(len, splits.values())), dataset.config, licence_url(licence)
     listed = url or licence == "unknown"  # by Hugging Face: SPDX's names in lower case, and no expressions
@@ -76,7 +76,12 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
     files = (row for table in tables for row in table if row["check"] == "files")
     checked = {(row["store"], row["batch"], row["where"]) for row in files}
     text = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-        **contents._asdict() | {"layout": layout.name, "splits": list(SPLITS), "grasps": contents.grasps},
+        dataset=dataset,
+        splits=list(SPLITS),
+        layout=layout.name,
+        licence=licence,
+        source=contents.source,
+        grasps=contents.grasps,
         header=yaml.safe_dump(header, sort_keys=False),
         version=__version__,
         number=number,
@@ -127,9 +132,10 @@ def without_folders(text: str) -> str:
 
 def _arrays(contents: Contents) -> list[list[Any]]:
     """Name, shape, type, unit, axes, names of files or columns, and meaning of each array."""
-    rows, grasps, example, names = [], contents.grasps, contents.example, contents.names()
+    rows, grasps, example = [], contents.grasps, contents.example
     for name, (_, spec) in grasps.sources.items():
-        place = " to ".join(f"`{file}`" for file in dict.fromkeys([names[name][0], names[name][-1]]))
+        names = contents.layout.names(name, [*pictures(grasps, name, example[name])])
+        place = " to ".join(f"`{file}`" for file in dict.fromkeys([names[0], names[-1]]))
         meaning = spec.meaning.replace("`hand/", "`hand.json`'s `")
         axes = ", ".join(grasps.dimensions(name))
         rows.append([f"`{name}`", example[name].shape, example[name].dtype, spec.unit, axes, place, meaning])

@@ -17,6 +17,7 @@ import numpy as np
 
 from palpate import seal
 from palpate.atomic import atomic_write
+from palpate.catalogue import file_name
 from palpate.dataset import Dataset, ObjectRecord
 from palpate.hand import Hand
 from palpate.interchange.card import spdx, write_card
@@ -80,7 +81,7 @@ def export(
                     (partial / "meshes").mkdir(exist_ok=True)
                     shutil.copyfile(mesh_file(record.mesh, "visual.glb"), partial / mesh)
                 table.writerow([record.name, record.class_name, record.split, mesh])
-        names = ["data_point.png", *(f"examples_{name}.png" for name in dataset.classes)]
+        names = ["data_point.png", *(f"examples_{file_name(name)}.png" for name in dataset.classes)]
         for figure in filter(Path.is_file, (dataset.folder / "figures" / name for name in names)):
             dataset.require_current(figure)
             (partial / "figures").mkdir(exist_ok=True)

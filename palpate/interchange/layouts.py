@@ -18,7 +18,8 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,7 +51,8 @@ class Layout(NamedTuple):
     names: Callable[[str, list[str]], list[str]]
 
 
-class Contents(NamedTuple):
+@dataclass(frozen=True)
+class Contents:
     """What an export is of, for its card and its description."""
 
     dataset: Dataset
@@ -64,15 +66,10 @@ class Contents(NamedTuple):
         """Those of the first split, whose arrays all splits have."""
         return next(iter(self.splits.values()))
 
-    @property
+    @cached_property
     def example(self) -> dict[str, Any]:
         """The first grasp, whose arrays have the shapes of all."""
         return self.grasps[0]
-
-    def names(self) -> dict[str, list[str]]:
-        """Names of the files or columns that hold each array, by the array's."""
-        example, grasps = self.example, self.grasps
-        return {name: self.layout.names(name, [*pictures(grasps, name, example[name])]) for name in grasps.arrays}
 
 
 def samples_by_split(

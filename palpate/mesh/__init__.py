@@ -19,6 +19,7 @@ FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 DIAGONAL = 0.5  # m, of the bounding boxes of objects that are scaled to one size, as the paper's
 SMALLEST, LARGEST = 0.005, 2.0  # m, diagonals: an object that keeps its size and has another is in another unit
 OBJECT_POSITION = (0.0, 0.0, 0.6)
+TIME_LIMIT = 900.0  # s, for the mesh files of one object
 VERSION = 3  # of the files, in `mesh.json` and in the rule's params: meshes of an older version are made again
 FACTS = ".facts.json"  # after the name of a batch's folder: `facts` of its objects, beside it
 
@@ -29,7 +30,6 @@ def prepare(
     up: str = "z",
     collision_faces: int = 4000,
     scale: str | float = "diagonal",
-    time_limit: float = 900.0,
     root: Path | str | None = None,
     turn: float = 0.0,
 ) -> dict[str, Any]:
@@ -40,13 +40,13 @@ def prepare(
     "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres of a unit of
     the file. root: the folder that textures and buffers have to be in; default: the one above the file's own.
 
-    Raises `UnusableObject` if the file can't be read, holds no surface, takes more than `time_limit` seconds, or is not
+    Raises `UnusableObject` if the file can't be read, holds no surface, takes more than `TIME_LIMIT` seconds, or is not
     `SMALLEST` to `LARGEST` across at its scale; OSError or MemoryError for a full disk or lack of memory.
     """
     from palpate.mesh.build import build  # in the parent of the child processes
 
     try:
-        return isolated(build, Path(source), Path(folder), up, collision_faces, scale, root, turn, seconds=time_limit)
+        return isolated(build, Path(source), Path(folder), up, collision_faces, scale, root, turn, seconds=TIME_LIMIT)
     except UnusableObject as error:
         message = str(error)
         raise UnusableObject(message if str(source) in message else f"{source}: {message}") from None
@@ -64,11 +64,6 @@ def read_record(folder: Path | str) -> dict[str, Any]:
     """What `mesh.json` holds; empty if a folder outside a run has none. Raises as `mesh_file` does."""
     path = mesh_file(folder, "mesh.json")
     return json.loads(path.read_text()) if path.exists() else {}
-
-
-def diagonal(folder: Path | str) -> float:
-    """Metres from corner to corner of an object's bounding box: `DIAGONAL`, unless it keeps its size."""
-    return read_record(folder).get("diagonal", DIAGONAL)
 
 
 def mesh_file(folder: Path | str, name: str) -> Path:

@@ -12,7 +12,7 @@ from palpate.batch import UnusableObject, lacks_memory, require_memory
 
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> Any:
     """Call the function in a forked child process and return its (picklable) result. Raises `UnusableObject` if it
-    does, crashes or takes more than `seconds` (a pause of both processes counts as one at most); OSError or MemoryError
+    does, crashes or takes more than `seconds` (a pause of both processes counts as 1 s at most); OSError or MemoryError
     if it does, also in a library's own words, else RuntimeError, with its traceback; MemoryError too if killed."""
     context = multiprocessing.get_context("fork")  # no second start of Python and its libraries
     receiver, sender = context.Pipe(duplex=False)
@@ -49,10 +49,10 @@ def _answer(sender: Connection, function: Callable[..., Any], arguments: tuple[A
     message: tuple[type[Exception] | None, Any]
     try:
         message = None, function(*arguments)
+    except UnusableObject as error:
+        message = UnusableObject, str(error)
     except Exception as error:
         kind = MemoryError if lacks_memory(error) else OSError if isinstance(error, OSError) else RuntimeError
         message = kind, f"in the process that prepares the mesh:\n{traceback.format_exc()}"
-        if isinstance(error, UnusableObject):
-            message = UnusableObject, str(error)
     sender.send(message)
     sender.close()

@@ -43,9 +43,10 @@ def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict
     if not parts:
         raise UnusableObject(f"{path}: holds no triangles (points or lines only, or nothing): export its faces")
     for part in parts:
-        if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
+        least, largest = part.faces.min(), part.faces.max()
+        if least < 0 or largest >= len(part.vertices):
             raise UnusableObject(
-                f"{path}: a face refers to vertex {part.faces.max()} of {len(part.vertices)}: "
+                f"{path}: a face refers to vertex {least if least < 0 else largest} of {len(part.vertices)}: "
                 "the file is damaged, export it again"
             )
     return Loaded(parts, loaded.unit), files.problems

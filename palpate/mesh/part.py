@@ -49,7 +49,7 @@ class Files:
 
     def picture(self, name: str, data: bytes | None = None, follows: str = DRAWN_GREY) -> PIL.Image.Image | None:
         """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used. Raises
-        ValueError, or at its export what PIL does, for one that is cut off."""
+        ValueError for one that is cut off, if it is decoded here; else its export raises PIL's error."""
         problem = ""
         try:
             image = PIL.Image.open(io.BytesIO(self.read(name) if data is None else data))
@@ -63,12 +63,12 @@ class Files:
             self.note(name, f"{problem}: {follows}")
             return None
         try:
-            return _eight_bit(image)
+            return _as_gltf_picture(image)
         except (OSError, SyntaxError, ValueError) as error:  # PIL's
             raise ValueError(f"a texture can't be read, {name} ({type(error).__name__}: {error})") from None
 
 
-def _eight_bit(image: PIL.Image.Image) -> PIL.Image.Image:
+def _as_gltf_picture(image: PIL.Image.Image) -> PIL.Image.Image:
     """A picture as glTF can have it: 8 bits of L, RGB or RGBA. A JPEG of these is written as it was."""
     if image.mode in ("L", "RGB", "RGBA") and "transparency" not in image.info:
         if image.format == "JPEG":

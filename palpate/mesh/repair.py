@@ -8,6 +8,7 @@ from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from palpate.mesh import topology
+from palpate.mesh.part import distinct
 
 # Vertices closer than this share of the bounding box's diagonal are one; a thinner triangle has no area. Single
 # precision, in which most formats store, resolves about 1e-7 of it.
@@ -84,9 +85,9 @@ def _weld(
 
 
 def _backs(triangles: np.ndarray, place: np.ndarray, shell: np.ndarray, closed: np.ndarray) -> np.ndarray:
-    """Closed shells (s,) bool that are where another is, for their backs' sake: of two the one that is inside out, of
-    equal ones the later. Their corners are at the same places and their areas equal, however they are triangulated.
-    triangles (f, 3, 3): corners of the faces; place (f, 3): the same, by number."""
+    """Closed shells (s,) bool to drop because another is at the same place: of two the one that is inside out, or the
+    later if they face the same way. Two are at the same place if their corners are and their areas are equal, however
+    they are triangulated. triangles (f, 3, 3): corners of the faces; place (f, 3): the same, by number."""
     area = np.bincount(shell, np.linalg.norm(topology.cross(triangles), axis=1))
     volume = np.bincount(shell, np.einsum("ij,ij->i", triangles[:, 0] - triangles[0, 0], topology.cross(triangles)))
     size = int(place.max()) + 1
@@ -106,14 +107,10 @@ def _backs(triangles: np.ndarray, place: np.ndarray, shell: np.ndarray, closed: 
 
 def _shared(place: np.ndarray, shell: np.ndarray, closed: np.ndarray, back: np.ndarray) -> np.ndarray:
     """Closed shells (s,) bool with a face where an open one has one, and such open ones: they are to be merged."""
-    order = np.lexsort(np.sort(place, axis=1).T)
-    order = order[~back[shell[order]]]
-    triple = np.sort(place, axis=1)[order]
-    one, other = shell[order[:-1]], shell[order[1:]]
-    mixed = (triple[1:] == triple[:-1]).all(axis=1) & (closed[one] != closed[other])
-    shared = np.zeros(len(closed), dtype=bool)
-    shared[one[mixed]] = shared[other[mixed]] = True
-    return shared
+    _, triple = distinct(*np.sort(place, axis=1).T)
+    front = ~back[shell]
+    of_open, of_closed = (np.isin(triple, triple[front & (closed[shell] == kind)]) for kind in (False, True))
+    return np.bincount(shell, weights=front & of_open & of_closed, minlength=len(closed)) > 0
 
 
 def _collapsed(faces: np.ndarray) -> np.ndarray:
@@ -127,13 +124,11 @@ def _doubled(
     """Faces (f,) bool to drop of those `among` that have the same three merged vertices, in any order: of each set all
     but the earliest; and that too if the set is a fold without which its shell has no border."""
     index = np.flatnonzero(among)
-    corners = np.sort(merged[index], axis=1)
-    order = np.lexsort(corners.T)  # stable: of equal faces the earliest comes first
-    same = (corners[order][1:] == corners[order][:-1]).all(axis=1)
-    doubled = np.zeros(len(faces), dtype=bool)
-    doubled[index[order[1:][same]]] = True
-    two = same & ~np.r_[False, same[:-1]] & ~np.r_[same[1:], False]
-    pairs = index[np.stack([order[:-1][two], order[1:][two]], axis=1)]
+    first, number = distinct(*np.sort(merged[index], axis=1).T)
+    doubled = among.copy()
+    doubled[index[first]] = False
+    two = np.flatnonzero((np.bincount(number) == 2)[number])
+    pairs = index[two[np.argsort(number[two], kind="stable")].reshape(-1, 2)]
     folds = pairs[_folded(vertices, faces[pairs], merged[pairs], tolerance), 0]
     if not len(folds):
         return doubled
@@ -234,9 +229,8 @@ def _seen_from_behind(vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray
     centres of up to 16 faces (after Takayama et al. 2014, A Simple Method for Correcting Facet Orientations)."""
     index = np.flatnonzero(candidates[patch])
     index = index[np.argsort(patch[index], kind="stable")]
-    start = np.r_[0, np.flatnonzero(np.diff(patch[index])) + 1]
-    lengths = np.diff(np.r_[start, len(index)])
-    rank, length = np.arange(len(index)) - np.repeat(start, lengths), np.repeat(lengths, lengths)
+    rank = np.arange(len(index)) - np.searchsorted(patch[index], patch[index])
+    length = np.bincount(patch)[patch[index]]
     chosen = index[rank * 16 // length != (rank - 1) * 16 // length]
     shooter = RayMeshIntersector(Trimesh(vertices, faces, process=False, validate=False))
     corner = vertices[faces[chosen]]

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from palpate.batch import UnusableObject
 from palpate.camera import matrices, paper_camera
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
-from palpate.released.layout import EMPTY_READING, ReleasedObject
+from palpate.released.layout import EMPTY_READING, IMAGES, SCENES, file_of
 from palpate.released.pickles import load_plain
 from palpate.sensor import DIGIT
 from palpate.store.contract import SENSOR_NAMES
@@ -30,27 +30,24 @@ SENSORS, RESOLUTION, SENSOR_WIDTH = len(SENSOR_NAMES), DIGIT.resolution[0], DIGI
 SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
 
 
-def read_surface(
-    root: Path | str, entry: ReleasedObject, count: int, generator: np.random.Generator
-) -> dict[str, np.ndarray]:
+def read_surface(surface: Path, count: int, generator: np.random.Generator) -> dict[str, np.ndarray]:
     """The record of the surface store: `points` (count, 3) in the world, m, of which `generator` draws, in their order.
-    Raises UnusableObject if there are fewer, or not finite ones."""
-    path = entry.surface(root)
-    points = _floats(path, "points", load_plain(path), (None, 3))
+    surface: the object's file. Raises UnusableObject if there are fewer, or not finite ones."""
+    points = _floats(surface, "points", load_plain(surface), (None, 3))
     if len(points) < count:
-        raise UnusableObject(f"{path}: {len(points)} points: set surface.points to as many, not to {count}")
+        raise UnusableObject(f"{surface}: {len(points)} points: set surface.points to as many, not to {count}")
     if len(points) > count:
         points = points[np.sort(generator.choice(len(points), count, replace=False))]
     return {"points": (points * DIAGONAL + OBJECT_POSITION).astype(np.float32)}
 
 
-def read_touch(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
-    """The record of the touch store, of the first `grasps` grasps; a sensor without points is unsuccessful. `depth` is
-    made from the points, each on the sensor's grid: theirs may be from another plane. Raises UnusableObject, naming
-    file and field, if a scene is missing or invalid."""
+def read_touch(surface: Path, grasps: int) -> dict[str, np.ndarray]:
+    """The record of the touch store, of the first `grasps` grasps of the object with this surface; a sensor without
+    points is unsuccessful. `depth` is made from the points, each on the sensor's grid: theirs may be from another
+    plane. Raises UnusableObject, naming file and field, if a scene is missing or invalid."""
     sensed = []
     for grasp in range(grasps):
-        path = entry.scene(root, grasp)
+        path = file_of(surface, SCENES, f"{grasp}.npy")
         if not path.is_file():
             raise UnusableObject(f"{path}: no such file, but grasps.per_object is {grasps}: the object has {grasp}")
         scene = load_plain(path)
@@ -145,14 +142,12 @@ def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.nda
     return float((pressed == in_range).mean()), float((pressed.swapaxes(1, 2) == in_range).mean())
 
 
-def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int) -> dict[str, np.ndarray]:
-    """The record of the vision store: images (size, size, 3) uint8 of the paper's camera; no masks, no depths. Images
-    are resized as by the authors' loader, and put over white. Raises UnusableObject, naming an unreadable file."""
-    return {
-        "unoccluded": _image(entry.image(root), size)[None],
-        "occluded": np.stack([_image(entry.image(root, grasp), size) for grasp in range(grasps)])[:, None],
-        **matrices([paper_camera(size)]),
-    }
+def read_vision(surface: Path, grasps: int, size: int) -> dict[str, np.ndarray]:
+    """The record of the vision store, of the object with this surface: images (size, size, 3) uint8 of the paper's
+    camera; no masks, no depths. Images are resized as by the authors' loader, and put over white. Raises
+    UnusableObject, naming an unreadable file."""
+    alone, *held = (_image(file_of(surface, IMAGES, f"{k}.png"), size) for k in ("unoccluded", *range(grasps)))
+    return {"unoccluded": alone[None], "occluded": np.stack(held)[:, None], **matrices([paper_camera(size)])}
 
 
 def _image(path: Path, size: int) -> np.ndarray:

@@ -13,7 +13,6 @@ As the data loaders of facebookresearch/3D-Vision-and-Touch read it. (The releas
 import logging
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,56 +25,35 @@ SPLITS = {"train": "train", "valid": "validation", "test": "test"}  # their name
 EMPTY_READING, SURFACES, IMAGES, SCENES = "empty_gel.npy", "surfaces", "images", "scene_info"
 
 
-class ReleasedObject(NamedTuple):
-    """One object: its class, its name within the class, and its split (train, validation, test; or empty)."""
-
-    class_name: str
-    name: str
-    split: str = ""
-
-    @property
-    def source(self) -> str:
-        """Its surface, relative to the root: the file that the catalogue names."""
-        return f"{SURFACES}/{self.class_name}/{self.name}.npy"
-
-    @classmethod
-    def from_source(cls, source: str) -> "ReleasedObject":
-        return cls(Path(source).parent.name, Path(source).stem)
-
-    def surface(self, root: Path | str) -> Path:
-        return Path(root, self.source)
-
-    def image(self, root: Path | str, grasp: int | None = None) -> Path:
-        """Image of a grasp, or of the object alone."""
-        name = "unoccluded.png" if grasp is None else f"{grasp}.png"
-        return Path(root, IMAGES, self.class_name, self.name, name)
-
-    def scene(self, root: Path | str, grasp: int) -> Path:
-        """What the sensors of a grasp sensed."""
-        return Path(root, SCENES, self.class_name, self.name, f"{grasp}.npy")
+def file_of(surface: Path, kind: str, name: str) -> Path:
+    """A file of the object with this surface, in `IMAGES` or `SCENES`."""
+    return surface.parents[2] / kind / surface.parent.name / surface.stem / name
 
 
-def read_released(root: Path | str) -> list[ReleasedObject]:
-    """The objects of a released dataset that have surface, images, scene info and a split; by class and name. Others
-    are omitted, as in the authors' loaders, and named in a warning. Raises UnusableObject, naming file and remedy, if a
-    folder or `split.npy` is missing, or `split.npy` is invalid."""
+def read_released(root: Path | str) -> dict[str, str]:
+    """The split (train, validation, test) of each object of a released dataset that has surface, images, scene info and
+    a split, by the path of its surface from the root; by class and name. Others are omitted, as in the authors'
+    loaders, and named in a warning. Raises UnusableObject, naming file and remedy, if there is no such object, a folder
+    or `split.npy` is missing, or `split.npy` is invalid."""
     root = Path(root)
     for folder in (SURFACES, IMAGES, SCENES):
         if not (root / folder).is_dir():
             expected = f"set source.path to the folder that holds {SURFACES}, {IMAGES}, {SCENES} and split.npy"
             raise UnusableObject(f"{root / folder}: no such folder: {expected}")
     splits = read_splits(root / "split.npy")
-    complete, without = [], []
+    complete, without = {}, []
     for class_name in subfolders(root / IMAGES):
         for name in subfolders(root / IMAGES / class_name):
-            released = ReleasedObject(class_name, name, splits.get(name + class_name, ""))
-            if released.split and released.surface(root).is_file() and (root / SCENES / class_name / name).is_dir():
-                complete.append(released)
+            surface, split = f"{SURFACES}/{class_name}/{name}.npy", splits.get(name + class_name)
+            if split and (root / surface).is_file() and (root / SCENES / class_name / name).is_dir():
+                complete[surface] = split
             else:
                 without.append(f"{class_name}/{name}")
     if without:
         what = "objects without surface, scene info or split"
         log.warning("%s: %d %s: %s", root, len(without), what, ", ".join(without[:10]))
+    if not complete:
+        raise UnusableObject(f"{root}: no object has surface, images, scene info and a split: unpack the dataset again")
     return complete
 
 
@@ -93,14 +71,11 @@ def read_splits(path: Path | str) -> dict[str, str]:
     return splits
 
 
-def files(path: Path) -> list[str]:
-    """The other files of an object, relative to the folder of its surface `path`; those that exist."""
-    root, class_name, name = path.parents[2], path.parent.name, path.stem
-    return [
-        f"../../{kind}/{class_name}/{name}/{file}"
-        for kind in (IMAGES, SCENES)
-        for file in sorted(os.listdir(root / kind / class_name / name))
-    ]
+def files(surface: Path) -> list[str]:
+    """The images and scenes of the object with this surface, relative to its folder, sorted."""
+    folders = (file_of(surface, kind, "") for kind in (IMAGES, SCENES))
+    there = (file for folder in folders for file in folder.iterdir() if file.is_file())
+    return sorted(os.path.relpath(file, surface.parent) for file in there)
 
 
 def subfolders(folder: Path | str) -> list[str]:

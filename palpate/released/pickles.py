@@ -18,14 +18,10 @@ MOST_KEPT = 1_000_000  # objects of a pickle that it refers to again
 KINDS = "biufcSU"  # numpy's kinds of types that are plain values: bool, numbers, strings
 
 
-class UnsafePickle(UnusableObject):
-    """A file asks for more than numpy arrays, numbers, strings and plain containers."""
-
-
 def load_plain(path: Path | str) -> Any:
     """What `np.load(path, allow_pickle=True)` gives if it is harmless; the element of an array without axes. Raises
-    `UnsafePickle` if the file asks for anything but arrays, numbers, strings and plain containers, and `UnusableObject`
-    if it is missing or can't be read; the messages name the file."""
+    UnusableObject, naming the file, if it asks for anything but arrays, numbers, strings and plain containers, is
+    missing, or can't be read."""
     path = Path(path)
     try:
         with path.open("rb") as file:
@@ -52,7 +48,7 @@ def load_plain(path: Path | str) -> Any:
         raise UnusableObject(f"{path}: no such file") from None
     except _Refused as refused:
         expected = "for a pickle can run any code: expected numpy arrays, numbers, strings and plain containers only"
-        raise UnsafePickle(f"{path}: asks for {refused}, which is refused, {expected}") from None
+        raise UnusableObject(f"{path}: asks for {refused}, which is refused, {expected}") from None
     except Exception as error:  # a damaged pickle makes the reader trip over anything, also MemoryError
         problem = f"{type(error).__name__}: {error}"
         raise UnusableObject(f"{path}: can't be read as .npy ({problem}): unpack it again") from None

@@ -43,6 +43,12 @@ def first(means: np.ndarray) -> np.ndarray:
     return means[..., 0]
 
 
+def ratio(means: np.ndarray) -> np.ndarray:
+    """The first average over the second; nan where that is zero, as where only objects without touches were drawn."""
+    above, below = means[..., 0], means[..., 1]
+    return np.divide(above, below, out=np.full_like(above, np.nan), where=below > 0)
+
+
 def interval(
     values: Sequence[np.ndarray],
     classes: np.ndarray,
@@ -100,15 +106,9 @@ def ratio_interval(numerator: np.ndarray, denominator: np.ndarray, classes: np.n
         return Estimate(np.nan, np.nan, np.nan)
     # `interval` averages over classes; weighed by their sizes, its averages are sums over all objects.
     _, index, counts = np.unique(classes, return_inverse=True, return_counts=True)
-    _, low, high = interval([numerator * counts[index], denominator * counts[index]], classes, _ratio)
+    _, low, high = interval([numerator * counts[index], denominator * counts[index]], classes, ratio)
     value = float(numerator.sum() / denominator.sum())
     return Estimate(value, low, high) if low < high else Estimate(value, np.nan, np.nan)
-
-
-def _ratio(means: np.ndarray) -> np.ndarray:
-    """The first average over the second; nan where that is zero (only objects without touches were drawn)."""
-    above, below = means[..., 0], means[..., 1]
-    return np.divide(above, below, out=np.full_like(above, np.nan), where=below > 0)
 
 
 def _checked(values: Sequence[np.ndarray], classes: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:

@@ -17,7 +17,7 @@ compared to the error incurred over full surfaces" is `share_of_least 0.05`: the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,8 +25,8 @@ import numpy as np
 from palpate.experiments import METHODS, SPLITS
 from palpate.results import model_tables as tables
 from palpate.results import products
-from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic
-from palpate.results.errors import AVERAGE, Errors, errors, ratio
+from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic, ratio
+from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import claims, effects, paper_values, stated
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def _slope(means: np.ndarray) -> np.ndarray:
     return means @ (steps / np.sum(steps**2))
 
 
-# Each gives the number that is reported, then the bounds, if it is not that number which must be negative.
+# Each gives the number that is reported. It must be negative; where bounds follow, these must be instead.
 STATISTICS: dict[str, Callable[..., list[Statistic]]] = {
     # The weighted sum of averages; `1 -1` is the first's error less the second's.
     "contrast": lambda *weights: [lambda means: means @ np.array(weights)],
@@ -79,19 +79,19 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
     rows = []
     for claim in decided:
         measured, names = measured_by[claim["table"]], [term.key for term in claim["terms"]]
-        statistic, *bounds = STATISTICS[claim["statistic"]](*map(float, claim["parameters"].split()))
-        bounds, means = bounds or [statistic], _stated(claim)
-        found = [(measured.estimate(names, bound, resamples), measured.between_seeds(names, bound)) for bound in bounds]
+        statistics, means = STATISTICS[claim["statistic"]](*map(float, claim["parameters"].split())), _stated(claim)
+        found = [(measured.estimate(names, one, resamples), measured.between_seeds(names, one)) for one in statistics]
+        estimate, spread = found[0]
         rows.append(
             {
                 "method": METHODS[claim["method"]].label,
                 **{name: claim[name] for name in ("group", "claim", "section", "split")},
-                **measured.estimate(names, statistic, resamples).columns("measured"),
-                "measured_paper": float(statistic(means)),
-                "between_seeds": measured.between_seeds(names, statistic),
+                **estimate.columns("measured"),
+                "measured_paper": float(statistics[0](means)),
+                "between_seeds": spread,
                 "unit": claim["unit"],
-                "verdict": verdict(found),
-                "paper_agrees": "yes" if all(bound(means) < 0 for bound in bounds) else "no",
+                "verdict": verdict(found[1:] or found),
+                "paper_agrees": "yes" if all(bound(means) < 0 for bound in statistics[1:] or statistics) else "no",
                 **tables.size_columns(measured, *names),
             }
         )
@@ -160,10 +160,10 @@ def touch_effect(evaluations: Frame, resamples: int = RESAMPLES) -> Frame:
     other's; `percent` of the other's, the paper's and that of ABC objects; `between_seeds`, how far two seeds differ in
     the difference. Raises EvaluationError if experiments were measured on different objects or with different seeds.
     """
-    rows, abc = [], stated("abc")
-    for row, split, measured in _compared(evaluations):
-        published = {"paper": _stated_on(split, AVERAGE), "abc": abc}
-        rows.append(row["named"] | {"split": split} | _difference(measured, row, published, resamples))
+    rows = [
+        named | _difference(measured, named, stated_as, AVERAGE, resamples)
+        for named, stated_as, measured in _compared(evaluations)
+    ]
     return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
 
 
@@ -172,18 +172,18 @@ def touch_effect_by_class(evaluations: Frame, resamples: int = RESAMPLES) -> Fra
     """What touch, more grasps, copying and communication change in each class. `error` and its median are those of the
     experiment that is compared with."""
     rows = []
-    for row, split, whole in _compared(evaluations):
+    for named, stated_as, whole in _compared(evaluations):
         for name in whole.class_names:
-            measured, other = whole.of_class(name), [row["compared_with"]]
+            measured, other = whole.of_class(name), [named["compared_with"]]
             known = {"class": name, "error": measured.values[other[0]].mean(), "error_median": measured.median(other)}
-            difference = _difference(measured, row, {"paper": _stated_on(split, name), "abc": {}}, resamples)
-            rows.append(row["named"] | {"split": split, **known, **difference})
+            rows.append(named | known | _difference(measured, named, stated_as, name, resamples))
     what = "`error` is that of what it is compared with. A difference is between averages of the class"
     return _effects_table(rows, evaluations, what)
 
 
-def _compared(evaluations: Frame) -> Iterator[tuple[dict[str, Any], str, Errors]]:
-    """The differences that were measured, with each split and its errors; `named`: columns that say what they are."""
+def _compared(evaluations: Frame) -> Iterator[tuple[dict[str, str], list[str], Errors]]:
+    """Of each difference that was measured, on each split: the columns that say what it is, the paper's two experiments
+    that it is stated as, and the errors on that split."""
     chosen = effects(set(evaluations["experiment"]))
     names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
     by_split = {split: errors(evaluations, names, split) for split in SPLITS}
@@ -191,25 +191,32 @@ def _compared(evaluations: Frame) -> Iterator[tuple[dict[str, Any], str, Errors]
         named = {"effect": row["effect"], "method": METHODS[row["method"]].label}
         named |= {key: row[key] for key in ("experiment", "compared_with")}
         for split, measured in by_split.items():
-            yield row | {"named": named}, split, measured
+            yield named | {"split": split}, row["stated"], measured
 
 
 def _difference(
-    measured: Errors, row: dict[str, Any], others: Mapping[str, dict[str, float]], resamples: int
+    measured: Errors, named: dict[str, str], stated_as: Sequence[str], group: str, resamples: int
 ) -> dict[str, Any]:
-    """The columns from `difference` on; others: published averages, of the `paper`, and of `abc` objects."""
-    pair = row["experiment"], row["compared_with"]
+    """The columns from `difference` on. named, stated_as: as `_compared` gives them; group: a class, or `AVERAGE`."""
+    pair = named["experiment"], named["compared_with"]
     (difference,) = STATISTICS["contrast"](1, -1)
     estimate = measured.estimate(pair, difference, resamples)
     percent = measured.estimate(pair, lambda means: 100 * (ratio(means) - 1), resamples)
     spread = measured.between_seeds(pair, difference)
     sizes, sign = tables.size_columns(measured, *pair), estimate.sign(spread)
-    published = {f"percent_{name}": [known.get(key, np.nan) for key in row["stated"]] for name, known in others.items()}
+    of_split = ("model_selection",) if named["split"] == "validation" else ("grasps", "input_modalities")
+    papers = {name: value for table in of_split for name, value in stated(table, group).items()}
+
+    def change(published: dict[str, float]) -> float:
+        one, other = (published.get(name, np.nan) for name in stated_as)
+        return 100 * (one / other - 1)
+
     return {
         **estimate.columns("difference"),
         "difference_median": measured.median(pair, difference),
         **percent.columns("percent"),
-        **{name: 100 * (one / other - 1) for name, (one, other) in published.items()},
+        "percent_paper": change(papers),
+        "percent_abc": change(stated("abc", group)),
         "between_seeds": spread,
         "verdict": EFFECTS[sign] + (" (one seed)" if sign and sizes["seeds"] == 1 else ""),
         **sizes,
@@ -227,9 +234,3 @@ def _effects_table(rows: list[dict], evaluations: Frame, what: str) -> Frame:
     )
     table.attrs |= {"decimals": 3, "exact": {"percent": 1, "percent_abc": 1}}
     return table
-
-
-def _stated_on(split: str, group: str) -> dict[str, float]:
-    """The paper's numbers of its experiments on a split, of a class or the average."""
-    named = ("model_selection",) if split == "validation" else ("grasps", "input_modalities")
-    return {name: value for table in named for name, value in stated(table, group).items()}

@@ -19,6 +19,8 @@ from palpate.results.page import (
     COLOURS,
     INK,
     LABEL,
+    PALE,
+    SENSOR_COLOURS,
     TITLE,
     new_figure,
     next_page,
@@ -41,12 +43,11 @@ if TYPE_CHECKING:
     from palpate.hand import Hand
     from palpate.sensor import Sensor
 
-SITE_COLOURS = [COLOURS[number] for number in (1, 0, 2, 3, 4, 5)]  # in the order of the sensors
 SITE_POINT = 1.6  # points, diameter of a touched point as drawn, larger than it is
 SITE_STRIDE = 13  # of touched points, those drawn
 BEHIND = 2  # widths of a pixel: a point so far behind what the camera saw at its pixel's centre is hidden
 HIDDEN = 0.35  # share of its colour that such a point has, over white: points lie too close for opacity
-PALE = 0.45  # opacity of an image under touched points
+UNDER_POINTS = 0.45  # opacity of an image under touched points
 MARGIN = 1.1  # of the part of an image that is shown, over the object
 EXAMPLES = 6  # objects on a sheet
 CANDIDATES = 60  # grasps looked at for the data point
@@ -270,7 +271,7 @@ def _sheet(grasps: Sequence[GraspRecord]) -> Figure:
 def _draw_reading(axes: Axes, reading: np.ndarray, touched: bool, sensor: int) -> None:
     """A sensor's image, framed in the colour of its points; an untouched one is faded."""
     axes.imshow(reading, interpolation="antialiased", alpha=1 if touched else 0.4)
-    axes.spines[:].set(visible=touched, color=SITE_COLOURS[sensor % len(SITE_COLOURS)], linewidth=2.2)
+    axes.spines[:].set(visible=touched, color=SENSOR_COLOURS[sensor % len(SENSOR_COLOURS)], linewidth=2.2)
 
 
 def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
@@ -279,12 +280,12 @@ def _draw_touched(axes: Axes, grasp: GraspRecord) -> None:
 
     alone, camera = grasp.object, grasp.object.vision_camera
     grey = Image.fromarray(alone.unoccluded).convert("LA").convert("RGBA")
-    axes.imshow(grey, alpha=PALE, interpolation="antialiased")
+    axes.imshow(grey, alpha=UNDER_POINTS, interpolation="antialiased")
     for sensor in np.flatnonzero(grasp.success):
         pixels, depth = camera.project(grasp.points[sensor][::SITE_STRIDE])
         column, row = np.clip(np.nan_to_num(pixels).astype(int), 0, camera.size - 1).T
         behind = depth - alone.unoccluded_depth[row, column] > BEHIND * depth / camera.focal_length
-        full = np.array(to_rgb(SITE_COLOURS[sensor % len(SITE_COLOURS)]))
+        full = np.array(to_rgb(SENSOR_COLOURS[sensor % len(SENSOR_COLOURS)]))
         colour = 1 - np.where(behind, HIDDEN, 1)[:, None] * (1 - full)
         x, y = (pixels - 0.5).T  # the first pixel's centre is at 0
         axes.scatter(x, y, s=SITE_POINT**2, c=colour, linewidths=0)
@@ -317,7 +318,7 @@ def draw_presses(dataset: Dataset, path: Path | str) -> None:
         height, width = (STRETCH / edge for edge in press.sensor.pixel)
         motion.quiver(columns, rows, y * width, z * height, angles="xy", scale_units="xy", scale=1, width=0.008)
         for panel in (pressure, motion):
-            panel.spines[:].set(visible=True, color="#bdbdbd")
+            panel.spines[:].set(visible=True, color=PALE)
     save(figure, path)
 
 

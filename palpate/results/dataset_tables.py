@@ -35,7 +35,6 @@ def dataset_frames(run: Path | str) -> Frames:
     import pandas as pd
 
     from palpate.dataset import Dataset
-    from palpate.store.contract import SENSOR_NAMES
 
     run = Path(run)
     objects = pd.DataFrame(read_catalogue(run / "catalogue.csv")).rename(columns={"class_name": "class"})
@@ -43,7 +42,7 @@ def dataset_frames(run: Path | str) -> Frames:
     rejected = pd.DataFrame(dataset.rejections(), columns=["object", "stage", "reason"])
     grasps = dataset.table().rename(columns={"touches": "successful_touches"})
     grasps = grasps.reindex(columns=["object", "class", "successful_touches", "row"])
-    grasps["touches"] = dataset.array("touch", "success").shape[2] if len(dataset) else len(SENSOR_NAMES)
+    grasps["touches"] = dataset.array("touch", "success").shape[2] if len(dataset) else 0
     has_grasps = len(dataset) and "grasps" in dataset.stages  # a released dataset has none
     grasps["attempts"] = dataset.array("grasps", "attempts")[:][grasps.pop("row")] if has_grasps else np.nan
     return Frames(objects, rejected, grasps.astype({"successful_touches": int, "attempts": float}))

@@ -9,12 +9,12 @@ import numpy as np
 
 from palpate.learning.rows import EvaluationError
 from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic, between_seeds, first, interval
+from palpate.results.published import PAPER_CLASSES
 
 if TYPE_CHECKING:
     from pandas import DataFrame as Frame
 
 AVERAGE = "average"
-PAPER_CLASSES = ("bottle", "knife", "cellphone", "rifle")  # in its tables' order
 
 
 class Errors(NamedTuple):
@@ -59,11 +59,6 @@ class Errors(NamedTuple):
         return between_seeds([self.values[name] for name in experiments], self.classes, statistic)
 
 
-def ratio(means: np.ndarray) -> np.ndarray:
-    """The statistic of two experiments: the first average over the second."""
-    return means[..., 0] / means[..., 1]
-
-
 def of_split(
     frame: Frame, experiments: Iterable[str], split: str, key: str = "experiment", what: str = "evaluation"
 ) -> Frame:
@@ -104,7 +99,7 @@ def errors(
                 f"experiment {name!r} was not measured on {unmatched[:3]} of the {split} split with every seed, "
                 "but others were: evaluate all of them on the same dataset"
             )
-        if len(table) == 1 and not steps[name][1]:  # Measured once, what is not trained stands for every seed.
+        if len(table) == 1 and not steps[name][1]:  # What is not trained is measured once, for every seed.
             table = table.loc[[*table.index] * len(seeds)].set_axis(seeds)
         if list(table.index) != seeds:
             raise EvaluationError(

@@ -17,8 +17,8 @@ from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.protocol import RINGS
 from palpate.results import model_tables as tables
 from palpate.results import products
-from palpate.results.bootstrap import RESAMPLES
-from palpate.results.errors import Errors, errors, ratio
+from palpate.results.bootstrap import RESAMPLES, ratio
+from palpate.results.errors import Errors, errors
 from palpate.results.model_tables import Experiments
 from palpate.results.page import COLOURS, INK, LABEL, PALE, TITLE, new_figure, picture_grid, save, save_sentence
 from palpate.results.published import stated
@@ -40,7 +40,7 @@ TOUCHES = 2  # of every object
 STRIDE = 7  # of a cloud's points, those that are drawn: 10,000 hide one another; 7 does not divide a row
 # Rows: right and up in the picture, in the sensor's frame. Seen from the sensor, from where the reading's bottom is.
 OBLIQUE = np.array([[0, 1, 0], [-0.6, 0, -0.8]])
-# Of colours.
+# Methods in the order of their colours.
 ORDER = ("charts", "retrieval", "template", "mean", "sphere", "no_comm", "no_copy")
 PANEL = {"left": 0.075, "right": 0.99, "bottom": 0.13, "top": 0.88}  # of the width and height of a row of panels
 # The models, the name of each over its columns, and the numbers of grasps in these.
@@ -127,9 +127,8 @@ def local_predictions(dataset: Dataset, touch_depth: Path | str, path: Path | st
 def first_test_objects(dataset: Dataset) -> list[ObjectRecord]:
     """The first test object of every class, in the catalogue's order; not chosen for what comes out."""
     first: dict[str, ObjectRecord] = {}
-    for record in dataset:
-        if record.split == "test":
-            first.setdefault(record.class_name, record)
+    for record in dataset.split("test"):
+        first.setdefault(record.class_name, record)
     return list(first.values())
 
 
@@ -258,7 +257,7 @@ def _size(measured: Errors, split: str) -> str:
 
 
 @products.figure(
-    models=("template_occluded_any", "template_unoccluded_any", "template_touch_any"),  # `MODELS`
+    models=tuple(MODELS),
     files=("touch_depth",),
     stores=("meshes", "surface", "touch", "vision"),
 )

@@ -20,8 +20,8 @@ from palpate.experiments import Experiment
 from palpate.learning.rows import QUALITY
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
 from palpate.results import products
-from palpate.results.bootstrap import RESAMPLES
-from palpate.results.errors import AVERAGE, Errors, errors, of_split, ratio
+from palpate.results.bootstrap import RESAMPLES, ratio
+from palpate.results.errors import AVERAGE, Errors, errors, of_split
 from palpate.results.published import has_papers_classes, paper_values, stated, without_paper
 
 if TYPE_CHECKING:
@@ -94,8 +94,8 @@ def grasps(evaluations: Frame, experiments: Experiments, split: str = "test", re
 def extrapolation(rings: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """Around touch sites: mean squared distance from the true surface to the prediction, in square rings of 1 to 5
     times the sensor's size around each touch (ring r lies between r - 1 and r times); in m² as in the paper, and 9000
-    times that. Charts without communication are copied into the mesh and change nothing else: what other rows with
-    touch have less than theirs is extrapolated."""
+    times that. Charts without communication are copied into the mesh and change nothing else: where another row with
+    touch has a lower error, it extrapolates."""
     measured, published, rows = ring_errors(rings, list(experiments), split), stated("extrapolation"), []
     for unit, scale in (("m^2", 1.0), ("m^2 x 9000", CHAMFER_SCALE)):
         for name, experiment in experiments.items():

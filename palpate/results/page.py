@@ -18,6 +18,7 @@ DPI = 130
 INK, FAINT, PALE = "#222222", "#777777", "#bdbdbd"
 # Okabe and Ito's colours (2008, Color Universal Design), apart for colour-blind readers too, and a grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000", "#808080")
+SENSOR_COLOURS = (COLOURS[1], COLOURS[0], *COLOURS[2:6])  # in the order of the sensors
 TITLE, LABEL = 11, 8.5  # points
 LINE = 0.17  # inches, of a line of either
 # Not the user's: a figure is the same everywhere. DejaVu Sans comes with matplotlib.
@@ -37,12 +38,9 @@ styled = _style()  # a decorator of what draws
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure of a size in inches; needs no display, and is not kept by pyplot."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=DPI)
-    FigureCanvasAgg(figure)  # which draws it
-    return figure
+    return Figure(figsize=(width, height), dpi=DPI)
 
 
 def picture_grid(rows: Sequence[str], columns: Sequence[str], cell: float = 1.6) -> tuple[Figure, np.ndarray]:

@@ -52,19 +52,15 @@ def latex(table: DataFrame) -> str:
 
 
 def display(table: DataFrame) -> DataFrame:
-    """The table as it is read: every cell as text, each number with its interval in brackets and its median."""
+    """The table as it is read: every cell as text; with `decimals`, each number with its interval and its median."""
     import pandas as pd
 
-    if "decimals" not in table.attrs:
-        # Row by row, as tuples: each cell keeps the type of its column.
-        rows = [[_text(value) for value in row] for row in table.itertuples(index=False)]
-        return pd.DataFrame(rows, columns=table.columns, dtype=object)
-    shown = {}
+    shown, joined = {}, "decimals" in table.attrs
     for name in table:
-        if name.endswith(ENDINGS) and name.rsplit("_", 1)[0] in table:
+        if joined and name.endswith(ENDINGS) and name.rsplit("_", 1)[0] in table:
             continue
         columns = [f"{name}{ending}" for ending in ("", *ENDINGS)]
-        if table[name].dtype.kind == "f":
+        if joined and table[name].dtype.kind == "f":
             cells = zip(*(table.get(column, [math.nan] * len(table)) for column in columns), strict=True)
             shown[name] = [_number(table, name, *numbers) for numbers in cells]
         else:

@@ -48,9 +48,9 @@ def build(p: SimpleNamespace, rng: Generator) -> list[Part]:
         # Hinged along z, open by 100 to 180 degrees, the screens inside.
         turn = np.radians((1 - p.opening) / 0.65 * 35)
         join = rod((0, 0, -0.47 * height), (0, 0, 0.47 * height), 0.42 * thickness, segments=48)
-        for side, parts in ((1, lid), (-1, base)):
-            rotation = rotation_about(2, side * turn)
-            parts[:] = moved(parts, rotation, rotation @ (0, side * 0.505 * width, 0))
+        left, right = rotation_about(2, turn), rotation_about(2, -turn)
+        lid = moved(lid, left, left @ (0, 0.505 * width, 0))
+        base = moved(base, right, right @ (0, -0.505 * width, 0))
         return [*lid, *base, Part(join, Material("hinge", (90, 92, 98), 0.8, 0.3))]
     if p.joint == "slide":
         shift = 0.5 * p.opening * height

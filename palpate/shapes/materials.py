@@ -90,7 +90,7 @@ def label(rng: Generator) -> Material:
     return Material("label", ground, 0.0, 0.6, picture)
 
 
-def interface(rng: Generator, aspect: float, old: bool = False) -> Material:
+def interface(rng: Generator, aspect: float, old: bool) -> Material:
     """A lit phone screen; aspect = height / width. `old`: a small, flat-coloured menu of a feature phone."""
     width, height = 180, int(180 * aspect)
     top, bottom = rng.integers(20, 235, 3), rng.integers(20, 235, 3)

@@ -83,17 +83,6 @@ class ArraySpec:
     def of_cameras(self) -> bool:  # whether it has an axis of cameras, after those of objects, grasps and frames
         return "k" in self.shape
 
-    def sizes(self, shape: tuple[int, ...]) -> dict[str, int]:
-        """The number that each symbol stands for in an array of this shape. Raises ValueError if the number of axes, an
-        axis of fixed length or a repeated symbol disagrees."""
-        found: dict[str, int] = {}
-        if len(shape) != len(self.shape):
-            raise ValueError(f"shape {self.axes} expected, but it is {shape}")
-        for axis, length in zip(self.shape, shape, strict=True):
-            if length != (axis if isinstance(axis, int) else found.setdefault(axis, length)):
-                raise ValueError(f"shape {self.axes} expected, but it is {shape}")
-        return found
-
     def chunk(self, shape: tuple[int, ...]) -> tuple[int, ...]:
         """Shape of one record; never 0 along an axis."""
         return tuple(1 if axis < self.record else max(length, 1) for axis, length in enumerate(shape))
@@ -120,9 +109,11 @@ class StoreSpec:
         return self.stage.path(batch)
 
 
+_ROWS = [*csv.DictReader(Path(__file__).with_suffix(".csv").read_text(encoding="utf-8").splitlines())]
+
+
 def _arrays(stage: str) -> dict[str, ArraySpec]:
-    text = Path(__file__).with_suffix(".csv").read_text(encoding="utf-8")
-    rows = [row for row in csv.DictReader(text.splitlines()) if row["store"] == stage]
+    rows = [row for row in _ROWS if row["store"] == stage]
     axes = {row["array"]: [axis.rpartition(":") for axis in row["shape"].split()] for row in rows}
     return {
         row["array"]: ArraySpec(
@@ -147,8 +138,9 @@ CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.item
 def arrays_by_name(
     of_grasps: bool, of_frames: bool = False, of_presses: bool = False
 ) -> dict[str, tuple[str, ArraySpec]]:
-    """Stage and contract of the arrays with a row a frame, a grasp, a press, or an object only, but for `object`.
-    Raises ValueError if two of them have one name: they are attributes of one record."""
+    """Stage and contract, by name, of the arrays that have a row for each frame, each grasp or each press, or only for
+    each object. The array `object` is not among them. Raises ValueError if two have one name: they are attributes of
+    one record."""
     named: dict[str, tuple[str, ArraySpec]] = {}
     kind = (of_grasps, of_frames, of_presses)
     specs = [(stage, spec) for stage, store in CONTRACT.items() for spec in store.arrays.values()]

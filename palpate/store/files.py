@@ -20,7 +20,7 @@ from palpate.configuration import ConfigError
 from palpate.rebuild_command import rebuild_advice, rebuild_command
 from palpate.seal import MadeFrom, Seal, with_output
 from palpate.sensor import Sensor
-from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreError, StoreSpec, reading
+from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, StoreError, StoreSpec, reading
 from palpate.store.hdf5_file import Hdf5File, write_hdf5
 from palpate.store.zarr_files import ZarrFiles, write_zarr
 
@@ -48,22 +48,18 @@ def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attrib
         if not all(isinstance(value, str) for value in arrays[name].flat):
             raise StoreError(f"{path}: array {name!r} must hold strings only")
         arrays[name] = arrays[name].astype(object)  # which both libraries take
-    described = {key: value for key, value in {**describe(spec), **attributes}.items() if key != "made_from"}
-    with atomic_write(path, attributes["made_from"]) as partial:
-        (write_zarr if path.suffix == ".zarr" else write_hdf5)(partial, spec, arrays, described)
-
-
-def describe(spec: StoreSpec) -> dict[str, Any]:
-    """Attributes that every store of this stage carries: schema version, units, frames, what made it."""
-    library = "zarr" if spec.stage.suffix == ".zarr" else "h5py"
+    library = "zarr" if path.suffix == ".zarr" else "h5py"
     versions = {name: importlib.metadata.version(name) for name in ("numpy", library, *spec.stage.engines)}
-    return {
+    described = {
         "schema_version": SCHEMA_VERSION,
-        "stage": spec.stage.name,
+        "stage": stage,
         "units": UNITS,
         "frames": FRAMES,
         "versions": {"palpate": palpate.__version__, **versions},
+        **{name: value for name, value in attributes.items() if name != "made_from"},
     }
+    with atomic_write(path, attributes["made_from"]) as partial:
+        (write_zarr if path.suffix == ".zarr" else write_hdf5)(partial, spec, arrays, described)
 
 
 def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], optional: bool = True) -> None:
@@ -78,29 +74,24 @@ def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], op
     for name, array_spec in spec.arrays.items():
         if name not in given:
             continue
-        shape, dtype = headers[name]
+        (shape, dtype), what = headers[name], f"{path}: array {name!r}"
         right = dtype.kind in STRING_KINDS if array_spec.dtype == "string" else dtype == array_spec.dtype
         if not right:  # no silent conversion: the caller knows what the numbers mean
-            raise StoreError(f"{path}: array {name!r} must be {array_spec.dtype}, but it is {dtype}")
-        check_shape(path, array_spec, shape, sizes)
-
-
-def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict[str, tuple[str, int]]) -> None:
-    """Raise StoreError if a shape is not the contract's, or not that of the arrays before it, of symbols in `sizes`."""
-    what = f"{path}: array {spec.name!r}"
-    try:
-        found = spec.sizes(shape)
-    except ValueError as error:
-        raise StoreError(f"{what}: {error}") from None
-    if shape[0] == 0:  # of a batch without objects, whose other axes may be unknown
-        found = {symbol: length for symbol, length in found.items() if symbol == spec.shape[0]}
-    for symbol, size in found.items():
-        source, other = sizes.setdefault(symbol, (spec.name, size))
-        if size != other:
-            raise StoreError(f"{what} has shape {shape}, so {symbol} = {size}, but {source!r} has {symbol} = {other}")
-    values = {symbol: length for symbol, (_, length) in sizes.items()}
-    if "rc" in found and "c" in values and values["rc"] != values["r"] * values["c"]:
-        raise StoreError(f"{what}: {values['rc']} rows, but readings have {values['r']} x {values['c']} pixels")
+            raise StoreError(f"{what} must be {array_spec.dtype}, but it is {dtype}")
+        lengths = [*zip(array_spec.shape, shape, strict=False)]
+        if len(shape) != len(array_spec.shape) or any(isinstance(axis, int) and axis != n for axis, n in lengths):
+            raise StoreError(f"{what}: shape {array_spec.axes} expected, but it is {shape}")
+        for symbol, size in lengths:
+            # A batch without objects has arrays of length 0, whose other axes may be unknown.
+            if isinstance(symbol, str) and (shape[0] or symbol == array_spec.shape[0]):
+                source, other = sizes.setdefault(symbol, (name, size))
+                if size != other:
+                    another = f"but {source!r} has {symbol} = {other}"
+                    raise StoreError(f"{what} has shape {shape}, so {symbol} = {size}, {another}")
+    if {"r", "c", "rc"} <= set(sizes):
+        (_, rows), (_, columns), (name, pixels) = (sizes[symbol] for symbol in ("r", "c", "rc"))
+        if pixels != rows * columns:
+            raise StoreError(f"{path}: array {name!r}: {pixels} rows, but readings have {rows} x {columns} pixels")
 
 
 class Store:

@@ -49,7 +49,7 @@ class Hdf5File:
             with h5py.File(self.path, "r") as file:
                 if name not in file:
                     raise StoreError(f"{self.path} has no array {name!r}")
-                array = Chunk(self.path, file[name]) if is_chunk(file[name]) else file[name][...]
+                array = Chunk(self.path, file[name]) if file[name].chunks else file[name][...]
         if isinstance(array, Chunk):
             self._arrays[name] = array
         if seal.text_of(self.path) != self._stated:
@@ -65,7 +65,8 @@ class Hdf5File:
 
 
 class Chunk:
-    """An array of an HDF5 file, as `is_chunk` takes it, that is not kept; `array[index]` is what numpy gives."""
+    """An array of an HDF5 file as `write_hdf5` writes it: one chunk with a Fletcher-32. It is not kept in memory;
+    `array[index]` is what numpy gives."""
 
     def __init__(self, path: Path, dataset: h5py.Dataset):
         place = dataset.id.get_chunk_info(0)
@@ -77,9 +78,3 @@ class Chunk:
         with self._path.open("rb", buffering=0) as file:
             data = Fletcher32().decode(os.pread(file.fileno(), self._size, self._start))
         return np.array(np.frombuffer(data, self.dtype).reshape(self.shape)[index])
-
-
-def is_chunk(dataset: h5py.Dataset) -> bool:
-    """Whether `Chunk` reads this array: one chunk with a Fletcher-32, as `write_hdf5` does."""
-    filters = dataset.id.get_create_plist().get_nfilters()
-    return dataset.chunks == dataset.shape and dataset.fletcher32 and filters == 1 and not dataset.dtype.hasobject

@@ -7,7 +7,7 @@ imported, so what `write_zarr` wrote is read without it, at the speed of the dec
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -72,7 +72,7 @@ class ZarrFiles:
 
     def __init__(self, path: Path):
         self.path = path
-        self._arrays: dict[str, Records] = {}
+        self._arrays: dict[str, tuple[str, Records]] = {}  # the file of an array's values, and the array
         self.attributes = json.loads((path / ROOT).read_bytes())["attributes"]
 
     @cached_property
@@ -88,11 +88,11 @@ class ZarrFiles:
             if not self._require(f"{name}/{ROOT}", contents=True):
                 raise StoreError(f"{self.path} has no array {name!r}")
             header = json.loads((self.path / name / ROOT).read_bytes())
-            shard = shard_file(name, header["shape"])
-            self._arrays[name] = Records(self.path / shard if shard in self.seal.files else None, header)
-        # At every read, because a missing file is one of fill values.
-        self._require(shard_file(name, self._arrays[name].shape), contents=False)
-        return self._arrays[name]
+            file = f"{name}/c{'/0' * len(header['shape'])}"  # the only one of its values
+            self._arrays[name] = file, Records(self.path / file if file in self.seal.files else None, header)
+        file, records = self._arrays[name]
+        self._require(file, contents=False)  # at every read, because a missing file is one of fill values
+        return records
 
     def _require(self, name: str, contents: bool) -> bool:
         """Whether a file is of the store. Raises DamagedFile if it is not as it was written, or was not written."""
@@ -104,11 +104,6 @@ class ZarrFiles:
 
     def names(self) -> list[str]:
         return [metadata.parent.name for metadata in self.path.glob(f"*/{ROOT}")]
-
-
-def shard_file(name: str, shape: Sequence[int]) -> str:
-    """The only file of values of a Zarr array, from its store on."""
-    return f"{name}/c{'/0' * len(shape)}"
 
 
 class Records:

@@ -46,6 +46,14 @@ class RayMesh:
         """Whether each ray meets any face at all: (n,) bool. Cheaper than `first_face`."""
         return self._query(origins, directions, reach, "OCCLUDED") != -1
 
+    def normals_at(self, points: np.ndarray) -> np.ndarray:
+        """Unit normals (n, 3) of the faces that are nearest to points (n, 3) float64, in the mesh's coordinates."""
+        import igl
+
+        corners = self.triangles.reshape(-1, 3)
+        _, face, _ = igl.point_mesh_squared_distance(points, corners, np.arange(len(corners)).reshape(-1, 3))
+        return self.normals[face] / np.linalg.norm(self.normals[face], axis=1, keepdims=True)
+
     def _query(self, origins: np.ndarray, directions: np.ndarray, reach: float | None, query: str) -> np.ndarray:
         """What Embree answers to a query for each ray: the face that it meets, -1 for none."""
         origins = np.subtract(origins, self._centre).astype(np.float32)

@@ -196,7 +196,8 @@ def calibrate(
 
 
 def _place(indentation: Indentation, change: np.ndarray, sensor: Sensor) -> Indentation:
-    """The same in the sensor's pixels, with the centre and, if nothing states the depth, the circle that are shown."""
+    """The indentation in the sensor's pixels. A centre that is not given is found in the image, and so is the circle's
+    radius if there is no depth either."""
     with Image.open(indentation.image) as picture:
         scale = sensor.resolution[0] / picture.height, sensor.resolution[1] / picture.width
     row, column, radius = indentation[1:4]

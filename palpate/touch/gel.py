@@ -50,7 +50,6 @@ class Pressed(NamedTuple):
     pressure: np.ndarray  # (r, c) Pa, the mean on each pixel
     displacement: np.ndarray  # (r, c, 2) m, of the face sideways: y, z
     traction: np.ndarray  # (r, c, 2) Pa, of the surface on the face by friction: y, z; 0 without a slide or twist
-    force: float  # N, into the gel
     approach: float  # m, of the surface from its first touch
     strain: float  # approach / thickness
 
@@ -281,4 +280,4 @@ def press(
         traction = (slipping - np.minimum(correction, slipping)) * along
         displacement = displacement + gel.moved(traction, (0, 1), (0, 1))
     displacement, traction = (np.moveaxis(vectors, 0, -1) for vectors in (displacement, traction))
-    return Pressed(motion[2], pressure, displacement, traction, force, approach, approach / layer.thickness)
+    return Pressed(motion[2], pressure, displacement, traction, approach, approach / layer.thickness)

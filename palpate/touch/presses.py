@@ -9,8 +9,8 @@ import numpy as np
 from palpate.batch import UnusableObject
 from palpate.mesh import Geometry
 from palpate.sensor import Sensor
+from palpate.surface import DIRECTIONS, fibonacci_sphere
 from palpate.surface.embree import RayMesh
-from palpate.surface.rays import DIRECTIONS, fibonacci_sphere
 from palpate.touch.gel import NotConverged
 from palpate.touch.rays import RayCaster
 from palpate.touch.reading import face_sensor, face_window, press_sensor, stacked
@@ -43,8 +43,6 @@ def press_object(
     by reason. Raises UnusableObject if `ATTEMPTS` points a press don't give enough; ConfigError for a gel that can't be
     pressed.
     """
-    import igl
-
     face, window = face_sensor(sensor), face_window(sensor)
     # From so far away the whole way is seen, and all that the gel could meet at its end.
     start = sensor.gel_face + CLEARANCE
@@ -52,9 +50,7 @@ def press_object(
     rays = caster.mesh
     draws = rng.random((ATTEMPTS * count, 5))
     points = np.asarray(surface_points, dtype=float)[(draws[:, 0] * len(surface_points)).astype(int)]
-    corners = rays.triangles.reshape(-1, 3)
-    _, face_on, _ = igl.point_mesh_squared_distance(points, corners, np.arange(len(corners)).reshape(-1, 3))
-    normals = rays.normals[face_on] / np.linalg.norm(rays.normals[face_on], axis=1, keepdims=True)
+    normals = rays.normals_at(points)
     front, back = (ways_out(rays, points + side * _OFFSET * normals) for side in (1, -1))
     normals = np.where((back > front)[:, None], -normals, normals)  # towards the side from which more ways lead out
     rotations = _sensor_axes(normals, draws[:, 1:4], tilt)
@@ -71,7 +67,7 @@ def press_object(
         origin = point - start * rotation[:, 0]
         depth = caster.trace(origin[None], rotation[None])[0].astype(float)
         travel = float((depth + face.face_sag).min()) - sensor.gel_face  # to the first touch
-        if not CLEARANCE - (sensor.range - sensor.gel_face) <= travel < np.inf:  # else the point is then out of range
+        if not CLEARANCE - (sensor.range - sensor.gel_face) <= travel < np.inf:  # else the point stays out of range
             discarded["something else meets the gel first"] += 1
             continue
         depth -= travel

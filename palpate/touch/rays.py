@@ -1,5 +1,4 @@
-"""Depth maps by ray casting: Embree finds the face, its plane gives the depth in double precision. Only faces and
-pixels that can be in contact are traced."""
+"""Depth maps by ray casting: Embree finds the face, its plane gives the depth in double precision."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -20,15 +19,13 @@ _EDGE_ON = 1e-2
 _DOUBLE_ROUNDING = 1e-12  # m by which edges are widened in double precision: no ray slips through between two faces
 _NO_WIDTH = 1e-6  # sine of the angle below which a face covers no pixel: it is narrower than Embree's rounding
 
-Block = tuple[slice, slice]  # rows and columns of a rectangle of pixels
-
 
 class RayCaster:
     """Orthographic depth maps of one object, seen from touch sensors; exact to about 1e-7 m.
 
     The depth of a pixel is the distance along the sensor's +x, from the sensor plane, to the first face of either
     orientation (a mesh need not be closed); +inf where there is none within the pixel's reach. Omitted are faces
-    outside the box that the sensor's plane sweeps over its range, and pixels without such a face
+    outside the box that the sensor's plane sweeps over its range, and sensors without such a face
     (`studies/omitted/touch.py`).
 
     In single precision a ray may miss a face seen edge-on that Embree names, or slip through a vertex, and a surface
@@ -55,23 +52,23 @@ class RayCaster:
         """Depth maps (k, r, c) float32, metres, of sensors at position (k, 3) and rotation (k, 3, 3), whose columns are
         the frame's axes. Raises ValueError for an invalid pose."""
         depth = np.full((len(position), *self.sensor.resolution), np.inf, dtype=np.float32)
-        for k, origin, axes, block in self._blocks(position, rotation):
-            depth[k, *block] = self._in_range(origin, axes, block)
+        for k, *pose in self._near(position, rotation):
+            depth[k] = self._in_range(*pose)
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each, but cheaper:
         every 10th pixel in both directions is traced first."""
         success = np.zeros(len(position), dtype=bool)
-        for k, *way in self._blocks(position, rotation):
-            success[k] = self.succeeds_early(*way) or np.isfinite(self._in_range(*way)).any()
+        for k, *pose in self._near(position, rotation):
+            success[k] = self.succeeds_early(*pose) or np.isfinite(self._in_range(*pose)).any()
         return success
 
-    def _blocks(self, position: np.ndarray, rotation: np.ndarray) -> Iterator[tuple[Any, ...]]:
-        """Number, pose in the object's own frame (two arrays), and `Block` in reach of each sensor that has one."""
+    def _near(self, position: np.ndarray, rotation: np.ndarray) -> Iterator[tuple[Any, ...]]:
+        """Number and pose in the object's own frame (two arrays) of each sensor with a face near."""
         for k, pose in enumerate(zip(*self._in_object_frame(position, rotation), strict=True)):
-            if (block := self.block_in_reach(*pose)) is not None:
-                yield k, *pose, block
+            if len(self.near_faces(*pose)):
+                yield k, *pose
 
     def is_near(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Whether any face is traced for each sensor: (...,) bool; position: (..., 3), rotation: (..., 3, 3)."""
@@ -79,12 +76,10 @@ class RayCaster:
         near = [len(self.near_faces(*pose)) > 0 for pose in zip(*poses, strict=True)]
         return np.reshape(near, np.shape(position)[:-1])
 
-    def succeeds_early(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> bool:
+    def succeeds_early(self, origin: np.ndarray, rotation: np.ndarray) -> bool:
         """Whether Embree finds a face in range at every 10th pixel in both directions; doubtful ones don't count."""
-        rows, columns = block
-        coarse = slice(rows.start, rows.stop, 10), slice(columns.start, columns.stop, 10)
-        depth, _ = self._embree_depth(origin, rotation, coarse)
-        return bool((depth <= self.sensor.reach[coarse].ravel()).any())
+        depth, _ = self._embree_depth(origin, rotation, self.sensor.plane[::10, ::10])
+        return bool((depth <= self.sensor.reach[::10, ::10].ravel()).any())
 
     def _in_object_frame(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses of sensors, float64, in the object's own frame; ValueError for an invalid pose."""
@@ -99,30 +94,10 @@ class RayCaster:
                 )
         return position - self._object_position, rotation
 
-    def _in_range(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
-        """Depth (rows, columns) of a block of pixels, +inf beyond the pixels' reach."""
-        depth = self.block_depth(origin, rotation, block)
-        return np.where(depth <= self.sensor.reach[block], depth, np.inf)
-
-    def block_in_reach(self, origin: np.ndarray, rotation: np.ndarray) -> Block | None:
-        """The block of pixels before the faces near the sensor, outside of which nothing can be in range, or None."""
-        faces = self.near_faces(origin, rotation)
-        if not len(faces):
-            return None
-        sensor = self.sensor
-        # Along y, then z.
-        half = np.array([sensor.width, sensor.height]) / 2
-        pixel, side = np.flip(sensor.pixel), np.flip(sensor.resolution)
-        corners = (self.mesh.triangles[faces] - origin) @ rotation
-        low, high = corners.min(axis=1), corners.max(axis=1)
-        box = np.array([[0, *-half], [sensor.range, *half]])
-        meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
-        if not meets.any():
-            return None
-        first = np.floor((low[meets, 1:].min(axis=0) - _MARGIN) / pixel + side / 2 - 0.5).astype(int)
-        last = np.ceil((high[meets, 1:].max(axis=0) + _MARGIN) / pixel + side / 2 - 0.5).astype(int)
-        first, last = np.clip(first, 0, side), np.clip(last + 1, 0, side)
-        return slice(first[1], last[1]), slice(first[0], last[0])
+    def _in_range(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Depth (r, c), +inf beyond the pixels' reach."""
+        depth = self.depth(origin, rotation)
+        return np.where(depth <= self.sensor.reach, depth, np.inf)
 
     def near_faces(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Indices of the faces whose bounding box meets the bounding box of the sensor's reach."""
@@ -135,11 +110,10 @@ class RayCaster:
             near = near[(self._low[axis, near] <= high[axis]) & (self._high[axis, near] >= low[axis])]
         return near
 
-    def block_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> np.ndarray:
-        """Depth (rows, columns) float64 of a block of pixels up to the sensor's range; beyond it, any larger number."""
-        plane = self.sensor.plane[block]
-        pixels, shape = plane.reshape(-1, 3), plane.shape[:2]
-        depth, doubtful = self._embree_depth(origin, rotation, block)
+    def depth(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Depth (r, c) float64 up to the sensor's range; beyond it, any larger number."""
+        pixels, shape = self.sensor.plane.reshape(-1, 3), self.sensor.resolution
+        depth, doubtful = self._embree_depth(origin, rotation, self.sensor.plane)
         settled = np.zeros(len(pixels), dtype=bool)
         while doubtful.any():
             depth[doubtful] = np.minimum(depth[doubtful], self._exact_depth(pixels[doubtful, 1:], origin, rotation))
@@ -148,9 +122,12 @@ class RayCaster:
             doubtful = _pits(depth.reshape(shape), max(self.sensor.pixel)).ravel() & ~settled
         return depth.reshape(shape)
 
-    def _embree_depth(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> tuple[np.ndarray, np.ndarray]:
-        """Depth (n,) of a block of pixels, +inf where no face is hit; and which are doubtful (n,) bool."""
-        plane, direction = self.sensor.plane[block], rotation[:, 0]
+    def _embree_depth(
+        self, origin: np.ndarray, rotation: np.ndarray, plane: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Depth (n,) of pixels, `plane` (rows, columns, 3) of them, +inf where no face is hit; and which are doubtful
+        (n,) bool."""
+        direction = rotation[:, 0]
         pixels = plane.reshape(-1, 3)
         depth, doubtful = np.full(len(pixels), np.inf), np.full(len(pixels), self._large)
         if self._large:

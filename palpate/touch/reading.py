@@ -3,6 +3,7 @@ sensor's whole gel takes part, and its image shows a window of it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -79,6 +80,7 @@ def local_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, 
     return (points @ np.asarray(rotation).T + position).astype(np.float32)
 
 
+@lru_cache(maxsize=4)  # one object a sensor, so that its arrays are computed once
 def face_sensor(sensor: Sensor) -> Sensor:
     """The sensor whose pixels are a sensor's, continued over the whole face of its gel: for the rays of a press."""
     (height, width), size = sensor.pixel, sensor.gel_size or sensor.size

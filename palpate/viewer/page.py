@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from markupsafe import Markup
 from numpy.typing import ArrayLike
-from PIL import Image
+from PIL import Image, ImageColor
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
@@ -22,7 +22,9 @@ from palpate.atomic import atomic_write
 from palpate.camera import Camera
 from palpate.dataset import GraspRecord, ObjectRecord
 from palpate.dataset.reader import FramesRecord, PressRecord
+from palpate.hand import Hand
 from palpate.mesh import OBJECT_POSITION, mesh_file
+from palpate.results.page import SENSOR_COLOURS
 from palpate.sensor import Size
 from palpate.touch import empty_reading
 from palpate.viewer.html import data_uri, render, resource
@@ -32,8 +34,6 @@ from palpate.vision.image import linear
 # glTF has y up, the dataset's world z: the scene's root turns one into the other.
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 ROOT, IDENTITY = "world", np.eye(4)
-# sRGB of the sensors, in their order: Okabe and Ito's colours (2008, Color Universal Design).
-SENSOR_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 POINT_COLOUR = "#9a9a9a"  # of a surface without a mesh
 CAMERA_LENGTH = 0.12  # m from a camera to the frame that is drawn for it
 FORCE_LENGTH, FORCE_WIDTH = 0.05, 0.01  # m: length of an arrow for each newton, width of its head
@@ -68,14 +68,14 @@ def record_scene(
     for press in presses:  # with its last force
         pose = _pose(press.rotation, press.position + press.approach[-1] * press.rotation[:, 0])
         _add(scene, f"press-{press.number} gel sensor", _gel(press.reading[-1], press.sensor.size), pose)
+    links = {}
+    if grasps and "grasps" in record.stages:
+        links = {link: _link(record.hand, link) for link in np.unique(record.hand.geom_link).tolist()}
     for grasp in grasps:
         group = f"grasp-{grasp.number}"
-        if "grasps" in grasp.stages:
-            for link in np.unique(record.hand.geom_link):
-                drawn = link_mesh(record.hand, int(link))
-                shape = trimesh.Trimesh(drawn.vertices, drawn.faces, vertex_normals=drawn.normals, process=False)
-                name = f"{group} hand {record.hand.link_names[link]}"
-                _add(scene, name, _with_colours(shape, drawn.colours), grasp.link_pose[link], geometry=f"link {link}")
+        for link, shape in links.items():
+            name = f"{group} hand {record.hand.link_names[link]}"
+            _add(scene, name, shape, grasp.link_pose[link], geometry=f"link {link}")
         if "touch" in grasp.stages:
             for number, name in enumerate(grasp.sensors):
                 pose = _pose(grasp.rotation[number], grasp.position[number])
@@ -117,8 +117,12 @@ def force_arrows(frames: FramesRecord) -> np.ndarray:
 
 def cameras(record: ObjectRecord) -> list[Camera]:
     """The cameras that took the images; none without images."""
-    numbers = range(record.cameras if "vision" in record.stages else 0)
-    return [record.seen_by(number).vision_camera for number in numbers]
+    return [seen.vision_camera for seen in _seen(record)]
+
+
+def _seen(record: ObjectRecord | GraspRecord) -> list[ObjectRecord | GraspRecord]:
+    """An object or a grasp as each camera sees it; none without images."""
+    return [record.seen_by(number) for number in range(record.cameras if "vision" in record.stages else 0)]
 
 
 def _add(scene: trimesh.Scene, name: str, shape: Any, pose: np.ndarray = IDENTITY, geometry: str = "") -> None:
@@ -127,12 +131,16 @@ def _add(scene: trimesh.Scene, name: str, shape: Any, pose: np.ndarray = IDENTIT
     scene.graph.update(frame_to=name, frame_from=ROOT, matrix=pose, geometry=geometry or name)
 
 
+def _link(hand: Hand, link: int) -> trimesh.Trimesh:
+    drawn = link_mesh(hand, link)
+    shape = trimesh.Trimesh(drawn.vertices, drawn.faces, vertex_normals=drawn.normals, process=False)
+    return _with_colours(shape, drawn.colours)
+
+
 def _with_colours(mesh: trimesh.Trimesh, colours: ArrayLike) -> trimesh.Trimesh:
     """A mesh with sRGB colours (n, 3) of its vertices: glTF has them linear. Without a material it would be metal."""
-    rgb = np.rint(255 * linear(colours))
-    rgba = np.column_stack([rgb, np.full(len(rgb), 255)]).astype(np.uint8)
     mesh.visual = TextureVisuals(material=PBRMaterial(metallicFactor=0.0, roughnessFactor=0.6, doubleSided=True))
-    mesh.visual.vertex_attributes["color"] = rgba
+    mesh.visual.vertex_attributes["color"] = _linear_rgba(colours)
     return mesh
 
 
@@ -157,8 +165,8 @@ def _arrow() -> trimesh.Trimesh:
 
 
 def _cloud(points: np.ndarray, colour: str) -> trimesh.PointCloud:
-    colours = np.tile(_linear_bytes(colour), (len(points), 1))
-    return trimesh.PointCloud(np.asarray(points, dtype=np.float32), colors=colours)
+    rgba = _linear_rgba(np.divide([ImageColor.getrgb(colour)], 255))
+    return trimesh.PointCloud(np.asarray(points, dtype=np.float32), colors=np.tile(rgba, (len(points), 1)))
 
 
 def _frustum(camera: Camera) -> trimesh.path.Path3D:
@@ -168,14 +176,13 @@ def _frustum(camera: Camera) -> trimesh.path.Path3D:
     centre, frame = camera.position, camera.position + corners @ camera.rotation.T
     edges = [*([centre, corner] for corner in frame), *zip(frame, np.roll(frame, 1, 0), strict=True)]
     path = trimesh.load_path(np.array(edges))
-    path.colors = np.tile(_linear_bytes("#555555"), (len(path.entities), 1))
+    path.colors = np.tile(_linear_rgba(np.divide([ImageColor.getrgb("#555555")], 255)), (len(path.entities), 1))
     return path
 
 
-def _linear_bytes(colour: str) -> np.ndarray:
-    """Linear RGBA (4,) uint8 of an HTML colour."""
-    encoded = np.array([int(colour[start : start + 2], 16) for start in (1, 3, 5)]) / 255
-    return np.append(np.rint(255 * linear(encoded)), 255).astype(np.uint8)
+def _linear_rgba(colours: ArrayLike) -> np.ndarray:
+    """Linear RGBA (n, 4) uint8 of sRGB colours (n, 3) in 0..1."""
+    return np.insert(np.rint(255 * linear(colours)), 3, 255, axis=1).astype(np.uint8)
 
 
 def object_page(
@@ -281,8 +288,7 @@ def _press(press: PressRecord) -> dict[str, Any]:
 
 
 def _images(record: ObjectRecord | GraspRecord, name: str) -> list[str]:
-    cameras = record.cameras if "vision" in record.stages else 0
-    return [data_uri(getattr(record.seen_by(number), name)) for number in range(cameras)]
+    return [data_uri(getattr(seen, name)) for seen in _seen(record)]
 
 
 def _viewpoint(camera: Camera) -> dict[str, object]:

@@ -29,12 +29,9 @@ class Mesh(NamedTuple):
     normals: np.ndarray | None = None  # (n, 3) for smooth shading; None keeps edges sharper than 30 degrees
 
 
-def triangles(
-    kind: str, size: ArrayLike, vertices: np.ndarray | None = None, faces: np.ndarray | None = None
-) -> Triangles:
+def triangles(kind: str, size: ArrayLike, vertices: ArrayLike = (), faces: ArrayLike = ()) -> Triangles:
     """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame; kind and size as in
-    `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a mesh; without faces its convex hull is drawn. Raises
-    ValueError for another kind."""
+    `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a mesh; without faces its convex hull is drawn."""
     size = np.asarray(size, dtype=float)
     if kind == "box":
         return rounded_box(size, bevel(size), EDGE_SEGMENTS)
@@ -42,23 +39,21 @@ def triangles(
         long = size[0] if kind == "sphere" else size[0] + size[1]
         return rounded_box(np.array([size[0], size[0], long]), size[0], ROUND_SEGMENTS)
     if kind == "ellipsoid":
-        unit, faces, _ = rounded_box(np.ones(3), 1.0, ROUND_SEGMENTS)
+        unit, sides, _ = rounded_box(np.ones(3), 1.0, ROUND_SEGMENTS)
         normals = unit / size
-        return unit * size, faces, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        return unit * size, sides, normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if kind == "cylinder":
         return rounded_cylinder(size[0], size[1], bevel(size[:2]), 48, EDGE_SEGMENTS)
-    if kind != "mesh" or vertices is None or faces is None:
-        kinds = "box, sphere, capsule, cylinder, ellipsoid or mesh"
-        raise ValueError(f"can't draw a geom of kind {kind!r}: expected {kinds}")
-    if not len(faces):
+    points, triples = np.asarray(vertices, dtype=float), np.asarray(faces)
+    if not len(triples):
         from trimesh.convex import convex_hull
 
-        hull = convex_hull(np.asarray(vertices, dtype=float))
-        vertices, faces = hull.vertices, hull.faces
-    corners = np.asarray(vertices, dtype=float)[np.asarray(faces)]  # every face flat, with its own vertices
+        hull = convex_hull(points)
+        points, triples = hull.vertices, hull.faces
+    corners = points[triples]  # every face flat, with its own vertices
     towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
-    return corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), np.repeat(towards, 3, axis=0)
+    return corners.reshape(-1, 3), np.arange(triples.size).reshape(-1, 3), np.repeat(towards, 3, axis=0)
 
 
 def bridges(sizes: np.ndarray, positions: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

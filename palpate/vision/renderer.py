@@ -53,12 +53,6 @@ FILE_ROTATION = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 VISIBLE = 0.01  # opacity from which a surface counts for mask and depth: glass does, a texture's holes don't
 FREE_MEMORY = 200e6  # bytes: an uncompressed picture of 2048 x 2048 takes 24 a pixel
 
-# Kinds of Blender's data that a file can bring, and that go with it.
-DATA = (
-    *("objects", "meshes", "materials", "images", "textures", "collections", "cameras", "lights", "armatures"),
-    *("actions", "node_groups", "curves", "shape_keys", "worlds", "texts"),
-)
-
 
 class Renderer:
     """Blender, set up once for any number of scenes. It has one scene a process: a new Renderer replaces the last.
@@ -285,7 +279,8 @@ class Renderer:
         return lamps
 
     def draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
-        """Render what is in Blender, its vertices being `points` (n, 3); master: of the EXR file that may keep it."""
+        """Render what is in Blender. points: (n, 3) its vertices. master: the name of the EXR file that keeps the image
+        if `exr` is a folder."""
         render, lens = self._scene.render, self._camera.data
         render.resolution_x = render.resolution_y = camera.size
         lens.sensor_fit, lens.lens = "HORIZONTAL", camera.focal_length / camera.size * lens.sensor_width
@@ -336,9 +331,8 @@ class Renderer:
 
 
 def _blocks() -> list:
-    """All of Blender's data that a file can bring."""
-    blocks = [block for kind in DATA for block in getattr(bpy.data, kind)]
-    return [block for block in blocks if getattr(block, "type", None) != "RENDER_RESULT"]
+    """All of Blender's data blocks but the picture that it renders."""
+    return [block for block in bpy.data.user_map() if getattr(block, "type", None) != "RENDER_RESULT"]
 
 
 def _choose_device(device: str) -> str:

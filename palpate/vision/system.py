@@ -39,19 +39,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--install", action="store_true", help="install them, as root on a system with apt")
     install = parser.parse_args(arguments).install
     missing = missing_libraries()
-    if not missing and not install:
-        print("The system libraries of Blender and MeshLab are all there.")
     if missing and install and os.geteuid() == 0 and shutil.which("apt-get"):
         command = install_command(missing.values())
         print(f"Blender and MeshLab need {', '.join(missing)}: {command}", file=sys.stderr)
         subprocess.run(["apt-get", "update", "--quiet"], check=False)
         subprocess.run(command.split(), check=False)
         missing = missing_libraries()
-    if not missing:
-        return 0
-    print(f"Blender and MeshLab need {', '.join(missing)}. On Debian and Ubuntu, as root:", file=sys.stderr)
-    print(install_command(missing.values()))
-    return 1
+    if missing:
+        print(f"Blender and MeshLab need {', '.join(missing)}. On Debian and Ubuntu, as root:", file=sys.stderr)
+        print(install_command(missing.values()))
+    elif not install:
+        print("The system libraries of Blender and MeshLab are all there.")
+    return int(bool(missing))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.batch import UnusableObject
 from palpate.camera import Camera, rotation_about
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, diagonal
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, read_record
 
 if TYPE_CHECKING:
     from palpate.scene import Scene
@@ -27,14 +27,6 @@ LARGEST_DISTANCE = 1.75  # of the bounding box's diagonal
 _BEFORE_X = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # axes of a camera on the x axis that looks back, z up
 
 
-class Viewpoint(NamedTuple):
-    """The place that a view is taken from; angles in degrees."""
-
-    azimuth: float
-    elevation: float
-    distance: float  # in units of `LARGEST_DISTANCE` times the bounding box's diagonal
-
-
 class Views(NamedTuple):
     """v views of an object."""
 
@@ -43,23 +35,25 @@ class Views(NamedTuple):
     camera: np.ndarray  # (v, 3, 4) float64, from homogeneous world coordinates (m) to homogeneous pixels
 
 
-def viewpoints(generator: np.random.Generator, count: int = COUNT) -> list[Viewpoint]:
-    """`count` viewpoints with the distribution of Choy et al.; the first are the same whatever the count."""
+def viewpoints(generator: np.random.Generator, count: int = COUNT) -> np.ndarray:
+    """Viewpoints (count, 3) with the distribution of Choy et al.; the first are the same whatever the count. A row has
+    azimuth and elevation in degrees, and distance in units of `LARGEST_DISTANCE` times the bounding box's diagonal."""
     low, high = zip(AZIMUTH, ELEVATION, DISTANCE, strict=True)
-    drawn = generator.uniform(low, high, (count, 3))
-    return [Viewpoint(*numbers) for numbers in drawn.tolist()]
+    return generator.uniform(low, high, (count, 3))
 
 
-def camera(viewpoint: Viewpoint, size: int = SIZE, scale: float = DIAGONAL) -> Camera:
-    """The camera of a viewpoint about the object, in the world; scale: the diagonal of the object's box, m."""
-    turn = rotation_about(2, -np.radians(viewpoint.azimuth)) @ rotation_about(1, -np.radians(viewpoint.elevation))
-    position = turn @ [LARGEST_DISTANCE * viewpoint.distance, 0, 0] * scale + OBJECT_POSITION
+def camera(viewpoint: Iterable[float], size: int = SIZE, scale: float = DIAGONAL) -> Camera:
+    """The camera in the world of a row of `viewpoints`; scale: the diagonal of the object's box, m."""
+    azimuth, elevation, distance = viewpoint
+    turn = rotation_about(2, -np.radians(azimuth)) @ rotation_about(1, -np.radians(elevation))
+    position = turn @ [LARGEST_DISTANCE * distance, 0, 0] * scale + OBJECT_POSITION
     return Camera(position, turn @ _BEFORE_X, FOCAL_LENGTH * size, size)
 
 
-def render(renderer: "Renderer", scene: "Scene", at: Iterable[Viewpoint], size: int = SIZE) -> Views:
-    """Views of a scene's object; raises as `Renderer.render_views`, and UnusableObject if no view shows the object."""
-    scale = diagonal(scene.object_folder)
+def render(renderer: "Renderer", scene: "Scene", at: Iterable[Iterable[float]], size: int = SIZE) -> Views:
+    """Views of a scene's object from `viewpoints`; raises as `Renderer.render_views`, and UnusableObject if no view
+    shows the object."""
+    scale = read_record(scene.object_folder).get("diagonal", DIAGONAL)
     cameras = [camera(viewpoint, size, scale) for viewpoint in at]
     images = renderer.render_views(scene, cameras)
     if not any(image.mask.any() for image in images):

@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from palpate.mesh import load_visual
+from palpate.surface import DIRECTIONS, sample, sees_out
 from palpate.surface.embree import RayMesh
-from palpate.surface.rays import DIRECTIONS, sample, sees_out
 from studies.error_vs_runtime.study import Method, Study, variants
 
 COUNTS = (16, 32, 64, 128, 256)  # directions of rays

@@ -4,6 +4,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zarr
@@ -12,7 +13,6 @@ from palpate import store, touch
 from palpate.mesh import load_visual
 from palpate.sensor import DIGIT
 from palpate.touch import RayCaster, TouchReading
-from palpate.touch.rays import Block
 from studies.omitted.omission import Omission
 from studies.scenes import scene_of
 from studies.subjects import Subject
@@ -30,18 +30,19 @@ class EveryFace(RayCaster):
         return np.arange(len(self.mesh.triangles))
 
 
-class EveryPixel(RayCaster):
-    """Traces pixels with no face in front of them, too."""
+class EverySensor(RayCaster):
+    """Traces sensors with no face near, too."""
 
-    def block_in_reach(self, origin: np.ndarray, rotation: np.ndarray) -> Block:
-        """The block of all pixels."""
-        return slice(0, touch.RESOLUTION), slice(0, touch.RESOLUTION)
+    def _near(self, position: np.ndarray, rotation: np.ndarray) -> Iterator[tuple[Any, ...]]:
+        """All sensors."""
+        poses = zip(*self._in_object_frame(position, rotation), strict=True)
+        return ((k, *pose) for k, pose in enumerate(poses))
 
 
 class EveryPixelForSuccess(RayCaster):
     """Continues after the first pixel in range, where only success is needed."""
 
-    def succeeds_early(self, origin: np.ndarray, rotation: np.ndarray, block: Block) -> bool:
+    def succeeds_early(self, origin: np.ndarray, rotation: np.ndarray) -> bool:
         """Never, so that all pixels are traced."""
         return False
 
@@ -80,7 +81,6 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
         flat = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)
         for item, variant, method in (
             ("faces outside the swept box", EveryFace, "trace"),
-            ("pixels outside the block in reach", EveryPixel, "trace"),
             ("pixels after the first in range", EveryPixelForSuccess, "succeeds"),
         ):
             runs = [partial(getattr(tracer, method), *flat) for tracer in (touched.tracer(variant), touched.tracer())]
@@ -89,7 +89,7 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
 
         way = np.linspace(position - FAR * rotation[..., 0], position, FRAMES), np.tile(rotation, (FRAMES, 1, 1, 1, 1))
         far = [poses[~engine.is_near(*way)] for poses in way]  # as frames have them: sensors that come near
-        runs = [partial(tracer.trace, *far) for tracer in (touched.tracer(EveryPixel), engine)]
+        runs = [partial(tracer.trace, *far) for tracer in (touched.tracer(EverySensor), engine)]
         yield Omission("touch", "sensors of frames with no face near", "always", name, *runs, largest_difference, "m")
 
         def stored_bytes(sensed: TouchReading, touched: TouchSubject = touched) -> int:

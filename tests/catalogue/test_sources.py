@@ -151,8 +151,6 @@ def test_class_counts(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "classes", "says"),
     [
-        ("folders", {"mug": 1}, "expected one of procedural, released, folder"),
-        ("folder", {}, "no classes"),
         ("folder", {"cup": 1}, r"cup: no such folder.*holds|cup: no such folder.*empty, mug"),
         ("folder", {"empty": "all"}, "no mesh"),
         ("folder", {"mug": 3}, "2 meshes of class mug, the config asks for 3.*ask for 2 or `all`"),

@@ -135,13 +135,6 @@ def test_objects_of_names_are_split_as_without_the_key():
     assert splits == splits_of(entries, PAPER_SPLIT) == {each.object: assign_split(each.object) for each in entries}
 
 
-def test_objects_of_files_have_no_styles(tmp_path):
-    (tmp_path / "mug").mkdir()
-    (tmp_path / "mug/a.stl").touch()
-    with pytest.raises(CatalogueError, match="mug-a: only procedural objects have styles"):
-        splits_of(scan(Source("folder", tmp_path), {"mug": 1}), PAPER_SPLIT | {"held_out": "styles"})
-
-
 def test_turned_objects_cover_the_circle():
     """By Kolmogorov and Smirnov's test; another seed turns them otherwise, and more objects change no angle."""
     counts = {"bottle": 500}

@@ -30,6 +30,7 @@ def test_a_grasp_has_its_frames(framed):
                 assert len(values) == 3
                 np.testing.assert_array_equal(values[-1], getattr(grasp, name), err_msg=name)
             np.testing.assert_array_equal(frames.occluded[1], grasp.occluded)
+            np.testing.assert_array_equal(frames.vision_camera.matrix(), grasp.vision_camera.matrix())
             for touched in zip(*np.nonzero(frames.success), strict=True):
                 np.testing.assert_array_equal(frames.reading[touched], shade(frames.depth[touched], grasp.sensor))
 

@@ -31,6 +31,7 @@ def test_an_object_has_its_presses(pressed):
         for press in record.presses:
             for name in ("point", "position", "depth", "reading", "pressure", "force", "approach"):
                 np.testing.assert_array_equal(getattr(press, name), store[name][row, press.number], err_msg=name)
+            np.testing.assert_array_equal(press.vision_camera.matrix(), record.vision_camera.matrix())
             assert press.object.name == record.name and press.sensor.name == "digit"
             away, _ = Surface(*load_geometry(record.mesh)).closest(press.points.astype(float) - OBJECT_POSITION)
             assert len(press.points) == np.isfinite(press.depth).sum() > 0 and away.max() < 1e-6

@@ -249,6 +249,7 @@ DAMAGES = {
         ("touch", file(f"touch/{BATCH}.zarr/zarr.json", lambda data: b"{")),
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", lambda data: data[:100])),
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}")),
+        ("frames", framed(renewed("frames", lambda joints: joints[..., 1:], "joint_positions", "joint_velocities"))),
     ],
     "arrays": [("surface", retype), ("vision", extra_array), ("touch", without_depth)],
     "files": [
@@ -304,6 +305,7 @@ DAMAGES = {
         ("touch", add("touch", "rotation", (0, 0, 3), 1e-5)),
         ("touch", put("touch", "position", (0, 0, 0, 0), NAN)),
         ("touch", each(lambda name, rows: rows if name in ("object", "empty_reading") else rows[:, 1:])),
+        ("touch", each(lambda name, rows: rows if name in ("object", "empty_reading") else rows[:, :, 1:])),
     ],
     "touch depth": [
         ("frames", framed(put("frames", "depth", (0, 0, 1, 0, 0, 0), 0.0251))),
@@ -505,6 +507,25 @@ def test_sensors_have_the_names_of_the_runs_own_hand(run):
     put("touch", "points", (0, 1, 2, 3), np.inf)(run)
     failed = [finding for finding in validate_batch(run, BATCH) if not finding.ok]
     assert {finding.where for finding in failed if finding.check == "points"} == {"grasp 1, sensor high"}
+
+
+def test_stores_made_with_another_hand_are_named_and_the_rest_is_checked(run):
+    """Frames of a hand of fewer joints, touches of one of more sensors, the last of which reads something else."""
+    add_frames(run)
+    renewed("frames", lambda joints: joints[..., 1:], "joint_positions", "joint_velocities")(run)
+    names = set(palpate.store.read(run / f"touch/{BATCH}.zarr")) - {"object", "empty_reading"}
+    renewed("touch", lambda rows: np.concatenate([rows, rows[:, :, :1]], axis=2), *names)(run)
+    add("touch", "reading", (0, 0, 4), 5)(run)
+    findings = validate_batch(run, BATCH)
+    failed = {(each.check, each.store): each for each in findings if not each.ok}
+    assert {*failed} == {("readable", "frames"), ("sensor poses", "touch"), ("reading", "touch")}
+    assert {each.object for each in failed.values()} == {OBJECT}
+    assert failed["reading", "touch"].where == "grasp 0, sensor 4"
+    touches, frames = failed["sensor poses", "touch"].where, failed["readable", "frames"].where
+    assert f"touch/{BATCH}.zarr does not fit grasps: ValueError: grasps and sensors of an object are (2, 5)" in touches
+    assert f"frames/{BATCH}.zarr does not fit" in frames and "grasps" in frames and "joint positions" in frames
+    assert "build them again from one config" in touches and "build them again from one config" in frames
+    assert {"vision", "surface"} <= {each.store for each in findings if each.object}
 
 
 def test_only_the_stages_asked_for_are_needed(run):

@@ -189,7 +189,7 @@ def test_a_silent_reset_of_the_engine_is_noticed():
     pose[:3, 3] = (-0.4, 0, 0)
     simulation.place(pose, HAND.open_joint_positions)
     closed = simulation.close(np.full(16, np.nan))
-    assert not closed.finite and closed.warnings > 0
+    assert not closed.finite and np.isfinite(closed.joint_positions).all()
     simulation.place(pose, HAND.open_joint_positions)
     assert simulation.close(HAND.open_joint_positions).finite
 

@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from palpate.batch import generator
-from palpate.grasp import Grasper, grasp_object, hold_grasps
+from palpate.grasp import Grasper, grasp_object, hold, hold_grasps
 from palpate.grasp.hold import GRAVITY, HoldSimulation, body_of
 from palpate.grasp.patches import surface_patches
 from palpate.hand import allegro, from_mjcf
@@ -91,6 +91,15 @@ def test_an_open_mesh_has_the_volume_of_its_hull_and_a_sheet_that_of_its_thickne
     body = body_of(sheet, 1.0)
     assert not body.solid and body.mass == pytest.approx(0.1 * 0.2 * 0.001, rel=1e-6)
     assert HoldSimulation(GRIPPER, surface_patches(sheet), body, 1.0, TIMESTEP).model.body("object").mass[0] == 1e-3
+
+
+def test_patches_of_an_open_object_are_made_once(monkeypatch):
+    open_box = trimesh.Trimesh(BOX.vertices, BOX.faces[2:], process=False)
+    points = trimesh.sample.sample_surface(open_box, 100, seed=0)[0]
+    grasper = Grasper(open_box, open_box, points, GRIPPER, hold=KEYS)
+    expected = body_of(open_box, KEYS["density"])
+    monkeypatch.setattr(hold, "surface_patches", None)
+    assert grasper.loose().body.mass == expected.mass
 
 
 HAND = allegro()

@@ -20,8 +20,10 @@ from PIL import Image
 import palpate
 from palpate import seal
 from palpate.atomic import remove
+from palpate.catalogue import file_name
 from palpate.dataset.run import Run
 from palpate.interchange import export
+from palpate.interchange.layouts import FORMATS, Contents, samples_by_split
 from palpate.sensor import DIGIT, Sensor
 from palpate.store import CONTRACT, StoreError, read, write
 from tests.store.conftest import ATTRIBUTES, BATCHES
@@ -60,6 +62,21 @@ def test_the_sensor_can_be_read_back(exported):
     found = json.loads((exported / "sensor.json").read_text())
     assert Sensor.from_description(found["sensor"]).geometry_difference(DIGIT) == ""
     assert found["names"] == ["index", "middle", "ring", "thumb"]
+
+
+def test_figures_of_classes_with_spaces_and_signs_are_copied(run, tmp_path, monkeypatch):
+    name = "mugs (large)"
+    (run / "figures").mkdir()
+    (run / f"figures/examples_{file_name(name)}.png").write_bytes(b"a figure")
+    monkeypatch.setattr(palpate.Dataset, "classes", [name])
+    export(palpate.Dataset(run), tmp_path / "out", arrays=["success"])
+    assert [figure.read_bytes() for figure in (tmp_path / "out/figures").iterdir()] == [b"a figure"]
+
+
+def test_the_example_of_an_export_is_read_once(built):
+    dataset = palpate.Dataset(built)
+    contents = Contents(dataset, samples_by_split(dataset, ["success"]), FORMATS["zarr"], "unknown", "")
+    assert contents.example is contents.example
 
 
 @pytest.mark.parametrize("damage", ["change", "remove"])

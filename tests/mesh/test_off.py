@@ -89,6 +89,12 @@ def test_binary_and_other_dimensions_are_said(tmp_path, head):
         write(tmp_path / "a.off", head=head)
 
 
+@pytest.mark.parametrize("index", [-1, 8])
+def test_a_vertex_that_is_not_there_is_named(tmp_path, index):
+    with pytest.raises(UnusableObject, match=f"a face refers to vertex {index} of 8"):
+        write(tmp_path / "a.off", faces=[*SIDES[1:], (0, 1, index)])
+
+
 @pytest.mark.parametrize("lines", [1, 5, 6, 8])
 def test_one_that_is_cut_off(tmp_path, lines):
     write(tmp_path / "a.off")

@@ -6,6 +6,7 @@ from palpate.experiments import METHODS
 from palpate.learning.rows import EvaluationError
 from palpate.results.bootstrap import Estimate
 from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, claims, decide, verdict
+from palpate.results.errors import Errors
 from palpate.results.published import paper_rows, paper_values, published_experiments, terms
 from tests.learning import synthetic
 
@@ -40,6 +41,15 @@ def test_the_papers_own_numbers_with_little_noise_bear_all_claims_out():
     # Differences of one table are those of the paper. The validation averages were used on both splits here.
     one = table[(table["split"] == "validation") | table.index.str.contains("grasp.*[(]touch[)]")]
     assert one["measured"].tolist() == pytest.approx(one["measured_paper"].tolist(), abs=2e-3)
+
+
+def test_each_statistic_is_bootstrapped_once(monkeypatch):
+    taken, estimate = [], Errors.estimate
+    monkeypatch.setattr(Errors, "estimate", lambda *args: taken.append(args) or estimate(*args))
+    decided(spread=1e-4)
+    numbers = [map(float, claim["parameters"].split()) for claim in claims({*MEANS})]
+    expected = [STATISTICS[claim["statistic"]](*each) for claim, each in zip(claims({*MEANS}), numbers, strict=True)]
+    assert len(taken) == sum(map(len, expected))
 
 
 def test_claims_turned_round_do_not_hold():

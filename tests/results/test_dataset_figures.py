@@ -84,7 +84,7 @@ def test_a_data_point_shows_images_readings_and_touched_points_of_its_grasp(draw
     for sensor, sites in zip(np.flatnonzero(grasp.success), touched.collections, strict=True):
         cloud = grasp.points[sensor][:: figures.SITE_STRIDE]
         np.testing.assert_allclose(sites.get_offsets(), camera.project(cloud)[0] - 0.5)
-        full = np.array(to_rgb(figures.SITE_COLOURS[sensor]))
+        full = np.array(to_rgb(figures.SENSOR_COLOURS[sensor]))
         faint = (np.abs(sites.get_facecolor()[:, :3] - full) > 1e-6).any(axis=1)
         np.testing.assert_allclose(sites.get_facecolor()[faint, :3], [1 - figures.HIDDEN * (1 - full)] * faint.sum())
         away = camera.position - cloud

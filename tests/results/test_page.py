@@ -16,7 +16,7 @@ def drawn(rows, columns, cell):
     figure, axes = picture_grid(rows, columns, cell)
     for panel in axes.flat:
         panel.imshow(np.zeros((4, 4, 3)))
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     return figure, axes
 
 

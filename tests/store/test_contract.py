@@ -1,3 +1,5 @@
+import csv
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -5,7 +7,10 @@ import pytest
 
 import palpate.store
 from palpate import hand, touch, vision
-from palpate.store.contract import CONTRACT, SENSOR_NAMES, SYMBOLS, ArraySpec
+from palpate.stages import STAGES
+from palpate.store import contract
+from palpate.store.contract import CONTRACT, SENSOR_NAMES, SYMBOLS, ArraySpec, StoreError, StoreSpec
+from palpate.store.files import check_headers
 from palpate.vision import views
 from workflow.schemas.document import renewed
 
@@ -67,8 +72,7 @@ def test_the_contract_holds_what_was_promised():
         for name, (shape, dtype) in arrays.items():
             spec = CONTRACT[stage].arrays[name]
             assert spec.dtype == dtype
-            sizes = spec.sizes(shape)
-            assert sizes == {symbol: SIZES[symbol] for symbol in sizes}, (stage, name)
+            assert shape == tuple(SIZES.get(axis, axis) for axis in spec.shape), (stage, name)
 
 
 def test_every_symbol_and_array_is_explained():
@@ -106,12 +110,28 @@ def test_sensors_and_sizes_are_those_of_the_packages_that_make_the_data():
     assert f"({views.COUNT})" in SYMBOLS["v"] and f"({views.SIZE})" in SYMBOLS["q"]
 
 
-@pytest.mark.parametrize("shape", [(2, 3), (2, 3, 4, 5), (2, 5, 3)])
-def test_shapes_that_disagree_are_refused(shape):
-    spec = ArraySpec("a", ("o", "p", "p"), "uint8", 1, 0, "", "")
-    with pytest.raises(ValueError, match=r"shape \(o, p, p\) expected"):
-        spec.sizes(shape)
-    assert spec.sizes((2, 3, 3)) == {"o": 2, "p": 3}
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ((2, 3, 7), r"array 'a': shape \(o, p, p, 7\) expected, but it is \(2, 3, 7\)"),
+        ((2, 3, 3, 7, 1), r"array 'a': shape \(o, p, p, 7\) expected"),
+        ((2, 3, 3, 6), r"array 'a': shape \(o, p, p, 7\) expected"),
+        ((2, 5, 3, 7), "array 'a' has shape .*, so p = 3, but 'a' has p = 5"),
+    ],
+)
+def test_shapes_that_disagree_are_refused(shape, message):
+    spec = StoreSpec(STAGES["vision"], {"a": ArraySpec("a", ("o", "p", "p", 7), "uint8", 1, 0, "", "")})
+    with pytest.raises(StoreError, match=message):
+        check_headers(Path("a.zarr"), spec, {"a": (shape, np.dtype("uint8"))})
+    check_headers(Path("a.zarr"), spec, {"a": ((2, 3, 3, 7), np.dtype("uint8"))})
+    check_headers(Path("a.zarr"), spec, {"a": ((0, 0, 3, 7), np.dtype("uint8"))})  # of a batch without objects
+
+
+def test_the_table_is_read_once(monkeypatch):
+    tables, read = [], csv.DictReader
+    monkeypatch.setattr(csv, "DictReader", lambda lines: tables.append(lines) or read(lines))
+    assert runpy.run_path(contract.__file__)["CONTRACT"].keys() == CONTRACT.keys()
+    assert len(tables) == 1
 
 
 def test_chunks_are_records():

@@ -13,7 +13,8 @@ from PIL import Image
 import palpate
 from palpate.camera import paper_camera
 from palpate.mesh import OBJECT_POSITION
-from palpate.viewer import record_scene
+from palpate.viewer import page, record_scene
+from palpate.vision.geom import link_mesh
 from tests.store.conftest import shape
 
 
@@ -131,3 +132,11 @@ def test_what_a_run_does_not_have_is_left_out(run):
     assert kinds == {"object", "gel", "cloud"}
     (geometry,) = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry if "object" in node]
     np.testing.assert_array_equal(geometry.vertices, record.points)
+
+
+def test_the_meshes_of_the_hand_are_built_once(record, monkeypatch):
+    built = []
+    monkeypatch.setattr(page, "link_mesh", lambda hand, link: built.append(link) or link_mesh(hand, link))
+    assert len(record.grasps) > 1
+    record_scene(record, record.grasps)
+    assert built == np.unique(record.hand.geom_link).tolist()

@@ -14,6 +14,7 @@ from palpate.configuration import ConfigError
 from palpate.dataset.checks import CHECKS, CheckedObject, check_vision
 from palpate.mesh import OBJECT_POSITION
 from palpate.scene import LIGHTS, Light, Scene, background, cameras, draw, lights
+from palpate.surface.embree import RayMesh
 from palpate.vision import Mesh, Renderer
 from palpate.vision.image import linear, vision_record
 from tests.vision.scenes import ball, grasp_poses, painted, scene_of
@@ -293,7 +294,7 @@ def test_a_camera_that_would_not_see_the_object_is_drawn_again():
         draw(of_config(background=[1, ranged(1, 0.5), 1]), 0, "mug-0001")
 
 
-def test_images_by_drawn_cameras_pass_the_validation_with_their_own_alone(write_glb, hand):
+def test_images_by_drawn_cameras_pass_the_validation_with_their_own_alone(write_glb, hand, monkeypatch):
     path = write_glb("box", painted(trimesh.creation.box((0.3, 0.2, 0.25)), (0.7, 0.3, 0.2)))
     renderer, records = Renderer(samples=1, device="cpu"), []
     for seed in (0, 1):
@@ -309,7 +310,10 @@ def test_images_by_drawn_cameras_pass_the_validation_with_their_own_alone(write_
         return {name for name, value in found if not np.max(value) <= CHECKS[name].limit}
 
     first, second = records
+    trees, build = [], RayMesh.__init__
+    monkeypatch.setattr(RayMesh, "__init__", lambda rays, mesh: trees.append(mesh) or build(rays, mesh))
     assert not failed(first) and not failed(second)
+    assert len(trees) == 2  # one an object, of all its cameras
     assert "picture of mesh" in failed(first | {name: second[name] for name in ("intrinsics", "extrinsics")})
 
 

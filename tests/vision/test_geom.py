@@ -49,11 +49,6 @@ def test_a_mesh_geom_without_faces_is_drawn_as_its_convex_hull():
     assert np.abs(inside).max() < 1e-9
 
 
-def test_unknown_kind_is_refused():
-    with pytest.raises(ValueError, match="torus"):
-        geom.triangles("torus", (1, 1, 1))
-
-
 def test_bridges_join_boxes_that_touch_and_no_others():
     sizes = np.array([[1.0, 2, 1], [1, 1, 1], [1, 1, 1]])
     positions = np.array([[0.0, 0, 0], [0, 0.5, -2], [3.5, 0, 0]])

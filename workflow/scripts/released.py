@@ -17,7 +17,6 @@ from palpate import seal, store
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, generator, write_rejections
 from palpate.released import arrays as released
-from palpate.released.layout import ReleasedObject
 from palpate.sensor import DIGIT
 
 log_to(snakemake.log[0])
@@ -27,12 +26,12 @@ made_from = seal.combine({"seed": params.seed, **settings})
 
 
 def read(name: str) -> dict[str, dict[str, np.ndarray]]:
-    entry = ReleasedObject.from_source(params.objects[name])
+    surface = root / params.objects[name]
     draw = generator(params.seed, name, "surface")
     return {
-        "surface": released.read_surface(root, entry, settings["surface"]["points"], draw),
-        "touch": released.read_touch(root, entry, settings["grasps"]["per_object"]),
-        "vision": released.read_vision(root, entry, settings["grasps"]["per_object"], settings["vision"]["size"]),
+        "surface": released.read_surface(surface, settings["surface"]["points"], draw),
+        "touch": released.read_touch(surface, settings["grasps"]["per_object"]),
+        "vision": released.read_vision(surface, settings["grasps"]["per_object"], settings["vision"]["size"]),
     }
 
 

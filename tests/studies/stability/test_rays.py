@@ -34,7 +34,7 @@ def test_holds(name, subject):
 
 def unlimited(self, *arguments):
     """Depth without the sensor's range."""
-    return self.block_depth(*arguments)
+    return self.depth(*arguments)
 
 
 def too_bright(height, normal, kind):
