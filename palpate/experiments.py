@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.configuration import ConfigError, check, merge, plain, read_yaml
-from palpate.strategies import Strategy, strategy
+from palpate.strategies import STRATEGIES, Strategy
 
 SPLITS = ("validation", "test")  # that models are tested on
 
@@ -84,9 +84,8 @@ class Experiment:
         return {key: value for key, value in plain(self).items() if key != "name"}
 
     @property
-    def plan(self) -> type[Strategy]:
-        """What its strategy takes, begins with and predicts. Raises ValueError for an unknown one."""
-        return strategy(self.strategy)
+    def plan(self) -> Strategy:  # what its strategy takes, begins with and predicts
+        return STRATEGIES[self.strategy]
 
     @property
     def method(self) -> Method:  # its method: the last one of its strategy whose architecture it has
