@@ -262,7 +262,6 @@ def test_bfloat16_stays_close():
 @pytest.mark.parametrize(
     ("strategy", "vision", "touch", "grasps", "message"),
     [
-        ("cubes", True, True, 1, "strategy 'cubes'"),
         ("charts", False, False, 1, "vision, touch"),
         ("no_copy", True, False, 1, "needs touch"),
         ("no_comm", False, True, 1, "no_comm without vision"),
