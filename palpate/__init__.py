@@ -6,9 +6,10 @@ Importing the package loads no engine; each of its packages imports its own when
     palpate.reconstruct     predicts a mesh with a trained model; palpate.Reconstructor keeps the model
 """
 
-import importlib
 import pkgutil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from palpate.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from palpate.dataset import Dataset
@@ -18,24 +19,10 @@ if TYPE_CHECKING:
 __version__ = "0.4.0"
 __all__ = ["Dataset", "Reconstructor", "StoreError", "__version__", "reconstruct"]
 
-# Public names, and the modules that they are imported from when they are used.
-LAZY_EXPORTS = {
-    "Dataset": "palpate.dataset",
-    "Reconstructor": "palpate.learning.reconstruct",
-    "StoreError": "palpate.store",
-    "reconstruct": "palpate.learning.reconstruct",
-}
+EXPORTS = {"dataset": ["Dataset"], "learning.reconstruct": ["Reconstructor", "reconstruct"], "store": ["StoreError"]}
 MODULES = {module.name for module in pkgutil.iter_modules(__path__)}
-
-
-def __getattr__(name: str) -> Any:
-    if name in LAZY_EXPORTS:
-        return getattr(importlib.import_module(LAZY_EXPORTS[name]), name)
-    if name in MODULES:
-        return importlib.import_module(f"palpate.{name}")
-    known = ", ".join([*sorted(LAZY_EXPORTS), *sorted(MODULES)])
-    raise AttributeError(f"module 'palpate' has no attribute {name!r}; there are {known}")
+_, __getattr__ = lazy_exports(__name__, EXPORTS, MODULES)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *LAZY_EXPORTS, *MODULES})
+    return sorted({*globals(), *__all__, *MODULES})

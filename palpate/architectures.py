@@ -48,7 +48,7 @@ class Decoder:
 
 @dataclass(frozen=True)
 class Architecture:
-    """The layers and options of one model; defaults are the paper's, as released; ValueError for an unknown one."""
+    """The layers and options of one model; defaults are the paper's, as released."""
 
     encoder: Encoder | None = None
     gcn: GCN | None = None
@@ -59,12 +59,6 @@ class Architecture:
     last_layer_scale: float = 1.0
     deformations: int = 3  # how often charts are deformed (paper, section 3.1)
     radius: float = ATLAS_RADIUS  # m, of the initial sphere
-
-    def __post_init__(self) -> None:
-        if self.failed_charts not in ("free", "fixed"):
-            raise ValueError(f"failed_charts {self.failed_charts!r}; must be free or fixed")
-        if self.deformations < 1:
-            raise ValueError(f"{self.deformations} deformations: at least 1")
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> "Architecture":
@@ -89,9 +83,5 @@ PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES = (
 
 
 def paper_architecture(experiment: Experiment) -> Architecture:
-    """The paper's architecture for an experiment's modality, or a single-image network's own; ValueError for none."""
-    if own := SINGLE_IMAGE_ARCHITECTURES.get(experiment.strategy):
-        return own
-    if experiment.modality not in PAPER_ARCHITECTURES:
-        raise ValueError(f"the paper has no architecture for vision {experiment.vision!r}, touch {experiment.touch}")
-    return PAPER_ARCHITECTURES[experiment.modality]
+    """The paper's architecture for an experiment's modality, or a single-image network's own."""
+    return SINGLE_IMAGE_ARCHITECTURES.get(experiment.strategy) or PAPER_ARCHITECTURES[experiment.modality]

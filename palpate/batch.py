@@ -1,6 +1,5 @@
 """Processing of a batch of objects, shared by all stages: seeds, rejections, progress, errors in one line."""
 
-import csv
 import errno
 import hashlib
 import logging
@@ -8,7 +7,6 @@ import mmap
 import os
 import re
 import resource
-import sys
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -17,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from palpate.seal import DamagedFile
-from palpate.text_files import read_rows
+from palpate.seal import DamagedFile, MadeFrom
+from palpate.text_files import read_rows, write_rows
 
 log = logging.getLogger(__name__)
 
@@ -101,24 +99,28 @@ def require_memory(failure: str) -> bool:
     return soft != hard
 
 
+def progress(items: Iterable[Any] | None = None, **options: Any) -> tqdm:
+    """A bar of progress on a terminal, with the options of tqdm. A run that shows its own has set TQDM_DISABLE."""
+    return tqdm(items, disable="TQDM_DISABLE" in os.environ or None, **options)
+
+
 def each_object(
     objects: Iterable[str], function: Callable[[str], Any], stage: str
 ) -> tuple[dict[str, Any], list[Rejection]]:
     """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on. Returns the
     results by object, in order, and the rejections. The message of `UnusableObject` is the reason; any other
     exception's traceback goes to the log too, and memory is checked first (`require_memory`). Raises OSError,
-    `palpate.seal.DamagedFile`, and MemoryError, also in an engine's words: they say nothing of the object."""
+    `palpate.seal.DamagedFile`, and MemoryError, also in an engine's words: these errors are not the object's fault."""
     objects = list(objects)
     results, rejections = {}, []
-    bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())
-    for position, name in enumerate(bar, start=1):
-        progress = f"{stage} {position}/{len(objects)}: {name}"
+    for position, name in enumerate(progress(objects, desc=stage, unit="object"), start=1):
+        reached = f"{stage} {position}/{len(objects)}: {name}"
         try:
             results[name] = _twice_if_in_doubt(function, name)
-            log.info(progress)
+            log.info(reached)
         except Exception as error:
             if isinstance(error, OSError | DamagedFile) or lacks_memory(error) or full_disk(error):
-                log.error("%s was not finished", progress)
+                log.error("%s was not finished", reached)
                 if place := full_disk(error):
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), place) from error
                 if isinstance(error, OSError | DamagedFile | MemoryError):
@@ -126,7 +128,7 @@ def each_object(
                 raise MemoryError(f"{stage} of {name}: {error}") from error
             expected = isinstance(error, UnusableObject)
             rejections.append(Rejection(name, stage, str(error) if expected else f"{type(error).__name__}: {error}"))
-            log.warning("%s rejected: %s", progress, error)
+            log.warning("%s rejected: %s", reached, error)
     return results, rejections
 
 
@@ -152,9 +154,6 @@ def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
     return [Rejection(*(row[field] for field in Rejection._fields)) for row in rows]
 
 
-def write_rejections(path: Path | str, rejections: Iterable[Rejection]) -> None:
-    """Write the columns object, stage, reason; with nothing rejected, only the header."""
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(Rejection._fields)
-        writer.writerows(rejections)
+def write_rejections(path: Path | str, rejections: Iterable[Rejection], made_from: MadeFrom | None = None) -> None:
+    """Write the columns object, stage, reason, as `palpate.text_files.write_rows`; if none is rejected, only these."""
+    write_rows(path, Rejection._fields, rejections, made_from)

@@ -37,13 +37,6 @@ NAMED = 3  # files or groups that a line names
 IMAGE = {"size": 192, "samples": 8}  # of the example, at most
 
 
-class HandFiles(NamedTuple):
-    """Absolute paths of the files of an own hand: its model and its sensors."""
-
-    mjcf: str
-    sensors: str
-
-
 class Settings(NamedTuple):
     """What a config means."""
 
@@ -53,7 +46,7 @@ class Settings(NamedTuple):
     entries: list[SourceObject]
     batch_size: int
     batches: dict[str, str]  # of each object that the run has had
-    hand: HandFiles | None
+    hand: tuple[str, str] | None  # absolute paths of an own hand's files: its model and its sensors
     sensor: Sensor
     experiments: Experiments
     recipe: Recipe
@@ -84,7 +77,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
         checked(f"{source.path}/{entry.source}")
     batch_size, places = catalogue.read_batches(folder, config["batch_size"], len(entries))
     grasps, own = config["grasps"], config["grasps"]["hand"]
-    hand = HandFiles(*(absolute(own[key], project) for key in HandFiles._fields)) if own else None
+    hand = (absolute(own["mjcf"], project), absolute(own["sensors"], project)) if own else None
     touch_sensor = sensor.load(config["touch"]["sensor"], project)
     for path in hand or ():
         if not Path(path).is_file():
@@ -138,8 +131,8 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
 
     scene.draw(config["vision"], config["seed"], "")
     own, face = settings.hand, settings.sensor.gel_face
-    hand = hands.from_mjcf(own.mjcf, own.sensors, face) if own else hands.allegro(face)
-    for line in hands.check_files(own.mjcf, own.sensors, settings.sensor) if own else ():
+    hand = hands.from_mjcf(*own, face) if own else hands.allegro(face)
+    for line in hands.check_files(*own, settings.sensor) if own else ():
         say(line)
     grasp.check_hand(hand, config["grasps"]["timestep"], config["grasps"]["max_penetration"])
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
@@ -170,11 +163,12 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
                     break
                 except UnusableObject as error:
                     say(f"  can't be used: {error}")
+    from palpate.results import page
     from palpate.results.dataset_figures import check_sheet
 
     path = picture or Path(settings.folder, "check.png")
-    with atomic_write(path) as partial:
-        check_sheet(hand, settings.sensor, pictures).savefig(partial, format="png")
+    with atomic_write(path) as temporary:
+        page.save(check_sheet(hand, settings.sensor, pictures), temporary)
     say(f"{path}: the hand with its sensor frames{', images and readings' if pictures else ''}")
     options = f" --configfile {' '.join(map(str, overlays))}" if overlays else ""
     say(f"checked in {time.monotonic() - start:.0f} s. To make the dataset: snakemake --cores 2 dataset{options}")
@@ -336,15 +330,16 @@ def make_example(
     points = surface.sample(visual, config["surface"]["points"], generator(seed, name, "surface"))
     points += mesh.OBJECT_POSITION
     vision = scene.draw(config["vision"], seed, name)
-    look = {key: getattr(scene, key)(vision) for key in ("lights", "background")}
-    made, readings = scene.Scene(folder, **look), {}
+    appearance = scene.look(vision)
+    made, readings = scene.Scene(folder, **appearance), {}
     chosen = ("hand", "placement", "object", "grip", "keep")
     one = {key: value for key, value in config["grasps"].items() if key not in chosen}
     one |= {"per_object": 1, "attempts": 1, "grasper_type": grasp.grasper_type(config["grasps"], config["hold"])}
     try:
         rng = generator(seed, name, "grasps")
         grasps = grasp.grasp_object(visual, collision, points, hand, rng, sensor=touch_sensor, **one)
-        made = scene.Scene.from_grasps(folder, {key: getattr(grasps, key) for key in scene.GRASP_ARRAYS}, hand, **look)
+        poses = {key: getattr(grasps, key) for key in scene.GRASP_ARRAYS}
+        made = scene.Scene.from_grasps(folder, poses, hand, **appearance)
         sensed = touch.sense_scene(made, touch.scene_tracer(made, touch_sensor))
         filled = fill_untouched(sensed.reading[0], sensed.success[0], touch.empty_reading(touch_sensor))
         for sensor_name, reading, on in zip(hand.sensor_names, filled, sensed.success[0], strict=True):

@@ -37,9 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             own.add_argument(argument, **options | ({"type": TYPES[options["type"]]} if "type" in options else {}))
     args = parser.parse_args(arguments)
     try:
-        status = COMMANDS[args.command](args)
+        COMMANDS[args.command](args)
         sys.stdout.flush()
-        return status
+        return 0
     except BrokenPipeError:  # what reads the output has ended, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python flushes at its end
         return 1
@@ -62,18 +62,16 @@ def error_message(error: Exception) -> str:
     return str(error.args[0]) if isinstance(error, KeyError) else str(error)
 
 
-def check(args: argparse.Namespace) -> int:
+def check(args: argparse.Namespace) -> None:
     """Look at a config before its run."""
     from palpate.check import check_config
 
     check_config(args.config, args.object, args.output)
-    return 0
 
 
-def view(args: argparse.Namespace) -> int:
+def view(args: argparse.Namespace) -> None:
     """Write pages and print their paths."""
-    from tqdm import tqdm
-
+    from palpate.batch import progress
     from palpate.dataset import Dataset
     from palpate.viewer import object_page, run_page
     from palpate.viewer.index import OBJECT_PAGES
@@ -89,7 +87,7 @@ def view(args: argparse.Namespace) -> int:
         if not names:
             raise ValueError("--model: name an object, or give --all")
         model = Reconstructor(named_model(args.run / "models", args.model, args.seed), args.device)
-    for record in tqdm(records, unit="page", disable=len(records) == 1 or not sys.stderr.isatty()):
+    for record in progress(records, unit="page") if len(records) > 1 else records:
         predictions = model.predictions(record, args.grasps) if model else None
         path = folder / f"{record.name}.html"
         scene = object_page(path, record, args.grasps, predictions, args.model or "")
@@ -99,10 +97,9 @@ def view(args: argparse.Namespace) -> int:
         print(run_page(args.run, page, folder, object_pages=0 if args.all else OBJECT_PAGES))
     elif page.exists():  # which links the object's page now
         run_page(args.run, page, folder, object_pages=0)
-    return 0
 
 
-def reconstruct(args: argparse.Namespace) -> int:
+def reconstruct(args: argparse.Namespace) -> None:
     """Write the mesh that a model predicts."""
     from palpate.atomic import atomic_write
     from palpate.dataset import Dataset
@@ -116,11 +113,11 @@ def reconstruct(args: argparse.Namespace) -> int:
     with atomic_write(args.output) as partial:
         mesh.export(partial)
     print(f"{args.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")
-    return 0
 
 
-def validate(args: argparse.Namespace) -> int:
-    """Check a run, and print what was found; 1 if a check failed. Values that a report is about are not read again."""
+def validate(args: argparse.Namespace) -> None:
+    """Check a run, and print what was found; ValueError if a check failed. Values that a report is about are not read
+    again."""
     from palpate.dataset import validation
     from palpate.dataset.run import Run
 
@@ -129,30 +126,29 @@ def validate(args: argparse.Namespace) -> int:
     settings = run.config.get("grasps", {})
     limit = {"max_penetration": settings["max_penetration"]} if "max_penetration" in settings else {}
     passed, report = validation.validate(run.folder, tables, sources=args.sources or run.sources, **limit)
-    print(report, file=sys.stdout if passed else sys.stderr)
-    return 0 if passed else 1
+    if not passed:
+        raise ValueError(report)
+    print(report)
 
 
-def info(args: argparse.Namespace) -> int:
+def info(args: argparse.Namespace) -> None:
     """Print what a run holds."""
     from palpate.dataset import Dataset
     from palpate.dataset.summary import run_lines
 
     print("\n".join(run_lines(Dataset(args.run))))
-    return 0
 
 
-def export(args: argparse.Namespace) -> int:
+def export(args: argparse.Namespace) -> None:
     """Write a run in another layout, whole or not at all."""
     from palpate import interchange
     from palpate.dataset import Dataset
 
     given = (args.output, args.format, args.arrays, args.license, args.source, args.samples)
     print(f"{args.output}: {interchange.export(Dataset(args.run), *given)} {args.samples}")
-    return 0
 
 
-def calibrate(args: argparse.Namespace) -> int:
+def calibrate(args: argparse.Namespace) -> None:
     """Fit a sensor's light to real images; write its file and a page, and print the errors."""
     from dataclasses import replace
 
@@ -174,7 +170,6 @@ def calibrate(args: argparse.Namespace) -> int:
     words = ", ".join(f"{name} {error[kept].mean():.2f}" for name, error in errors.items())
     print(f"mean absolute error on {kept.sum()} images left out, grey levels: {words}")
     print(f"{args.sensor}\n{page}")
-    return 0
 
 
 COMMANDS = {run.__name__: run for run in (check, view, reconstruct, validate, calibrate, info, export)}

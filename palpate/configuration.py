@@ -1,4 +1,4 @@
-"""Config files are read as Snakemake reads them. They and tables are checked against a JSON schema before a run."""
+"""Config files are read as Snakemake reads them. They are checked against a JSON schema before a run."""
 
 import difflib
 import math
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class ConfigError(ValueError):
-    """A config, catalogue or experiment that does not fit its schema; the message lists every difference."""
+    """A config or experiment that does not fit its schema; the message lists every difference."""
 
 
 def nearest(name: str, known: Iterable[str], count: int = 3) -> str:
@@ -186,7 +186,7 @@ def in_order(values: Any, order: Any) -> Any:
 @cache
 def _validator(schema: Path | str) -> "jsonschema.Draft202012Validator":
     """The validator of a schema file."""
-    import jsonschema  # here: of jobs only those of the catalogue need it
+    import jsonschema  # here: no job needs it
 
     return jsonschema.Draft202012Validator(read_yaml(schema))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.configuration import ConfigError, check, merge, plain, read_yaml
-from palpate.strategies import Strategy, strategy
+from palpate.strategies import STRATEGIES, Strategy
 
 SPLITS = ("validation", "test")  # that models are tested on
 
@@ -84,9 +84,8 @@ class Experiment:
         return {key: value for key, value in plain(self).items() if key != "name"}
 
     @property
-    def plan(self) -> type[Strategy]:
-        """What its strategy takes, begins with and predicts. Raises ValueError for an unknown one."""
-        return strategy(self.strategy)
+    def plan(self) -> Strategy:  # what its strategy takes, begins with and predicts
+        return STRATEGIES[self.strategy]
 
     @property
     def method(self) -> Method:  # its method: the last one of its strategy whose architecture it has
@@ -180,7 +179,7 @@ class Experiments:
         return sorted(sharing, key=lambda experiment: experiment.name != trained)
 
 
-def _combinations(grid: Mapping[str, Any]) -> list[dict[str, Any]]:
+def combinations(grid: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Every combination of a grid's lists, the last key's values changing fastest."""
     values = [value if isinstance(value, list) else [value] for value in grid.values()]
     return [dict(zip(grid, combination, strict=True)) for combination in itertools.product(*values)]
@@ -189,7 +188,7 @@ def _combinations(grid: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _rows(grids: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """The combinations of all grids by their names, with names of weights in place of properties."""
     rows: dict[str, dict[str, Any]] = {}
-    for row in itertools.chain.from_iterable(map(_combinations, grids)):
+    for row in itertools.chain.from_iterable(map(combinations, grids)):
         if row["method"] not in METHODS:
             raise ConfigError(f"method {row['method']!r} is unknown; there are {', '.join(METHODS)}")
         if isinstance(row.get("weights"), dict):
@@ -220,7 +219,7 @@ def _selected(
 ) -> Iterator[tuple[str, Experiment]]:
     """The experiments that a table's names and grids say, in order."""
     for item in items:
-        rows = {item: {"name": item}} if isinstance(item, str) else {name_of(row): row for row in _combinations(item)}
+        rows = {item: {"name": item}} if isinstance(item, str) else {name_of(row): row for row in combinations(item)}
         defined = {name: row for name, row in rows.items() if name in experiments}
         for key, value in itertools.chain.from_iterable(row.items() for row in rows.values()):
             if all(row[key] != value for row in defined.values()):

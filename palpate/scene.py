@@ -186,6 +186,7 @@ def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
     return tuple(listed)
 
 
-def background(settings: Mapping[str, Any]) -> tuple[float, float, float] | None:
-    """The background of the config's section `vision`, as a scene has it."""
-    return None if settings["background"] == "transparent" else tuple(settings["background"])
+def look(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The lights and the background of the config's section `vision`, as a scene has them; raises as `lights`."""
+    background = settings["background"]
+    return {"lights": lights(settings), "background": None if background == "transparent" else tuple(background)}

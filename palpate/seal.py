@@ -70,18 +70,15 @@ class Seal:
     def label(self) -> str:  # the name by which other seals state this output
         return label_of(self.path)
 
-    def damage(self, names: Iterable[str] | None = None, contents: bool = True) -> list[str]:
-        """What is wrong with the files, or some of them, one line a file: "visual.glb is missing".
-        contents: compare checksums too, which reads every file; else existence and sizes only."""
+    def require(self, names: Iterable[str] | None = None, contents: bool = True) -> None:
+        """Raise DamagedFile if files, or some of them, are not as they were written. It names the first, and says what
+        is wrong: "visual.glb is missing". contents: compare checksums too, which reads every file; else existence and
+        sizes only."""
         folder = self.path if self.path.is_dir() else self.path.parent
         names = self.files if names is None else names
         lines = ((name, _difference(os.path.join(folder, name), self.files[name], contents)) for name in names)
-        return [f"{name} {line}" for name, line in lines if line]
-
-    def require(self, names: Iterable[str] | None = None, contents: bool = True) -> None:
-        """Raise DamagedFile, naming the first, if files are not as they were written: see `damage`."""
-        if lines := self.damage(names, contents):
-            raise damaged(self.path, join_first(lines))
+        if wrong := [f"{name} {line}" for name, line in lines if line]:
+            raise damaged(self.path, join_first(wrong))
 
     def difference(self, config: Mapping[str, Any], digest_of: DigestOf) -> str:
         """How it was made otherwise than from a config (values by path) and outputs; empty if it was not. An output

@@ -24,8 +24,8 @@ class Stage:
     simulated: bool = False  # whether a dataset that was read, not simulated, lacks it
     groups: tuple[str, ...] = ()  # of further arrays that its stores may hold
     states: tuple[str, ...] = ()  # attributes that only its stores have
-    # The key of the config that asks for it; empty if every run has it. Arrays of such a stage may be optional also in
-    # a run that was simulated here.
+    # The key of the config that asks for the stage; empty if every run has it. A stage with such a key may lack arrays
+    # that the contract calls optional, also in a run that was simulated here.
     asked_by: str = ""
 
     def is_asked(self, config: Mapping[str, Any]) -> bool:
@@ -36,10 +36,6 @@ class Stage:
     def path(self, batch: str = "{batch}") -> str:
         """Its output of one batch, relative to the run's folder; by default the pattern of all batches."""
         return f"{self.name}/{batch}{self.suffix}"
-
-    def rejected(self, batch: str = "{batch}") -> str:
-        """Its table of rejected objects of one batch."""
-        return f"rejected/{self.name}/{batch}.csv"
 
     @property
     def rejecting(self) -> tuple[str, ...]:

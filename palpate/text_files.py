@@ -1,4 +1,4 @@
-"""Tables and records that a run wrote, as text: read if they are as they were written."""
+"""Tables and records of a run, as text: written whole, and read if they are as they were written."""
 
 import csv
 import io
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate import seal
+from palpate.atomic import atomic_write
 from palpate.rebuild_command import rebuild_advice
 from palpate.seal import DamagedFile
 
@@ -55,6 +56,14 @@ def read_rows(path: Path | str, columns: Iterable[str]) -> list[dict[str, str]]:
         if None in row or None in row.values():
             raise DamagedFile(f"{path} lacks a value, or has one too many, in row {number}; {remedy}")
     return rows
+
+
+def write_rows(
+    path: Path | str, columns: Iterable[str], rows: Iterable[Iterable[Any]], made_from: seal.MadeFrom | None = None
+) -> None:
+    """Write a CSV table whole, with the columns' names in its first line; made_from: and its seal."""
+    with atomic_write(path, made_from) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([columns, *rows])
 
 
 def read_record(path: Path | str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 # by the default run's. Only their ratios count: they are scaled by what the jobs that are done have taken.
 TYPICAL = {
     **{"catalogue_batch": 0.5, "catalogue": 0.5, "rejected": 0.5, "table": 1, "validation": 1, "validate_batch": 3},
-    **{"meshes": 8, "surface": 2, "distances": 2, "grasps": 7, "touch": 2, "vision": 23, "views": 20, "charts": 7},
+    **{"meshes": 8, "surface": 2, "grasps": 7, "touch": 2, "vision": 23, "views": 20, "charts": 7},
     **{"frames": 7, "hold": 20, "rings": 6, "figure": 8, "evaluate": 15, "evaluate_rings": 15, "evaluate_touch": 15},
     **{"touch_depth": 60, "reconstruction": 40},
 }

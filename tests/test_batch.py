@@ -1,5 +1,6 @@
 """What a stage does with a batch: seeds, rejections, progress in the log."""
 
+import io
 import logging
 import os
 import shutil
@@ -52,6 +53,24 @@ def test_one_object_that_fails_does_not_cost_the_batch(caplog):
     ]
     assert "Traceback" in caplog.text  # of what was not expected
     assert "halving 4/4: longer" in caplog.text
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(
+    ("stream", "set_by_run", "shown"),
+    [(Terminal, {}, True), (Terminal, {"TQDM_DISABLE": "1"}, False), (io.StringIO, {}, False)],
+)
+def test_a_bar_is_for_a_terminal_that_the_run_does_not_use(monkeypatch, stream, set_by_run, shown):
+    monkeypatch.delenv("TQDM_DISABLE", raising=False)
+    for name, value in set_by_run.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(sys, "stderr", stream())
+    each_object(["one"], str, "reading")
+    assert ("reading: 100%" in sys.stderr.getvalue()) == shown
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError(), DamagedFile("cut off")])

@@ -107,7 +107,7 @@ def test_a_lost_or_shortened_file_is_named(output):
         file.write_bytes(content)
 
 
-def test_damage_is_one_line_a_file(tmp_path):
+def test_each_damaged_file_is_named(tmp_path):
     write_folder(tmp_path)
     (tmp_path / "a/.snakemake_timestamp").touch()
     seal.write(tmp_path)
@@ -115,10 +115,14 @@ def test_damage_is_one_line_a_file(tmp_path):
     (tmp_path / "a/mesh.json").unlink()
     (tmp_path / "a/visual.glb").write_bytes(b"short")
     (tmp_path / "b/visual.glb").write_bytes(b"Content of b/visual.glb")
-    lost = ["a/mesh.json is missing", "a/visual.glb has 5 bytes, but 23 were written"]
-    assert sealed.damage(contents=False) == lost
-    assert sealed.damage() == [*lost, "b/visual.glb has changed since it was written (checksum)"]
-    assert sealed.damage(["b/visual.glb"], contents=False) == []
+    lost = r"is damaged: a/mesh.json is missing; a/visual.glb has 5 bytes, but 23 were written; "
+    with pytest.raises(DamagedFile, match=f"{lost}remove "):
+        sealed.require(contents=False)
+    with pytest.raises(
+        DamagedFile, match=rf"{lost}b/visual.glb has changed since it was written \(checksum\); remove "
+    ):
+        sealed.require()
+    sealed.require(["b/visual.glb"], contents=False)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"version": 1}', '{"version": 99}', '{"version": 1, "files": 3}'])

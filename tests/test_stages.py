@@ -37,7 +37,6 @@ def test_lists_of_stages():
     assert set(CONTRACT) == set(STAGES) - {"meshes"}
     assert STAGES["grasps"].path("batch-0001") == CONTRACT["grasps"].path("batch-0001") == "grasps/batch-0001.h5"
     assert STAGES["meshes"].path("batch-0001") == "meshes/batch-0001"
-    assert STAGES["views"].rejected() == "rejected/views/{batch}.csv"
 
 
 def test_tests_of_a_group_share_a_process(request):

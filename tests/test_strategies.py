@@ -1,4 +1,4 @@
-"""Strategies: what they accept and take, without torch; and a new one, which is a class and nothing else."""
+"""Strategies: what they accept and take, without torch; and a new one, which is a row and nothing else."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ from palpate.learning.inputs import stages
 from palpate.learning.learners import ReconstructionLearner
 from palpate.learning.loop import train
 from palpate.learning.machine import Machine
-from palpate.strategies import STRATEGIES, Strategy, strategy
+from palpate.strategies import STRATEGIES, Strategy
 from tests.learning.conftest import SETTINGS, made_up
 
 
@@ -47,23 +47,13 @@ def test_every_method_is_of_a_strategy_and_every_strategy_has_one():
     ],
 )
 def test_inputs_that_a_strategy_can_have(name, vision, touch, accepted):
-    assert strategy(name).accepts(vision, touch) == accepted
+    assert STRATEGIES[name].accepts(vision, touch) == accepted
 
 
-def test_an_unknown_strategy_is_named():
-    with pytest.raises(ValueError, match=r"strategy 'cubes': choose one of \['charts', 'no_copy'"):
-        strategy("cubes")
-
-
-class PooledSphere(Strategy):
-    """A closed sphere that gets features of the nearest touches: no strategy of ours."""
-
-    touch_input, start = "pooled", "sphere"
-
-
-def test_a_new_strategy_is_one_class(monkeypatch, tmp_path):
-    """It is planned, trained, kept, read and measured."""
-    monkeypatch.setitem(STRATEGIES, "pooled_sphere", PooledSphere)
+def test_a_new_strategy_is_one_row(monkeypatch, tmp_path):
+    """It is planned, trained, kept, read and measured. It is a closed sphere that gets features of the nearest touches:
+    no strategy of ours."""
+    monkeypatch.setitem(STRATEGIES, "pooled_sphere", Strategy(touch_input="pooled", start="sphere"))
     experiment = Experiment("mine", "pooled_sphere", "occluded", True, 2)
     assert stages(experiment, training=True) == ["surface", "vision", "touch", "charts"]
     data = made_up()

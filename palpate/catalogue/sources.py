@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 # Letters of any script and digits, with their marks, which `\w` lacks: vowel signs of Devanagari, accents, joiners.
 LETTERS = r"\w\u0300-\u1fff\u200c\u200d\u20d0-\u20ff\u302a-\u309a\ua66f-\uabff"
-# Of classes, as the schemas of config and catalogue have it: letters, with spaces and some signs between them.
+# Of classes, as the schema of the config has it: letters, with spaces and some signs between them.
 CLASS_NAME = rf"\w([{LETTERS} .,()&'+-]*[{LETTERS}.)+-])?"
 LONGEST_NAME = 200  # bytes of an object's name: 255 of a file's name, and what is added to it
 ONE_CLASS = "object"  # of a source without folders of classes, where nothing else says one

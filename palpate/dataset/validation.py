@@ -1,8 +1,6 @@
 """Validation of a run: batch by batch, so that a workflow can do it in parallel, then joined to one table."""
 
-import csv
 import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,11 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from palpate import seal
-from palpate.atomic import atomic_write
-from palpate.batch import read_rejections
+from palpate.batch import progress, read_rejections
 from palpate.catalogue import SPLITS, CatalogueEntry, is_unchanged, read_catalogue
 from palpate.dataset import checks
 from palpate.dataset.checks import CHECKS, CheckedObject, Measured
@@ -28,7 +24,7 @@ from palpate.sensor import DIGIT, Sensor
 from palpate.stages import DATASET_STORES, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError, check_headers
-from palpate.text_files import read_rows
+from palpate.text_files import read_rows, write_rows
 from palpate.touch import empty_reading, shade_pressed
 
 if TYPE_CHECKING:
@@ -263,10 +259,7 @@ def validate_batch(
 
 def write_findings(path: Path | str, findings: Iterable[Finding], made_from: MadeFrom = NOTHING) -> None:
     """Write a batch's findings as a table with the columns of `Finding`, and its seal."""
-    with atomic_write(path, made_from) as table, table.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(Finding._fields)
-        writer.writerows(findings)
+    write_rows(path, Finding._fields, findings, made_from)
 
 
 def read_findings(path: Path | str) -> list[Finding]:
@@ -281,7 +274,7 @@ def check_again(
     batches: tables of `write_findings`, `<batch>.csv`. All files are compared with their checksums. Values are looked
     at again if the files are intact but not those that the table is about, or if there is no table."""
     findings, anew, opened = [], 0, Run(run)
-    for path in tqdm([*map(Path, batches)], desc="validate", unit="batch", disable=not sys.stderr.isatty()):
+    for path in progress([*map(Path, batches)], desc="validate", unit="batch"):
         if path.exists():
             before, now = read_findings(path), check_files(opened, path.stem)
             states = {finding.store: finding.where for finding in now if finding.ok and finding.check == "files"}

@@ -12,10 +12,9 @@ import csv
 import io
 import itertools
 import json
-import sys
 import tarfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -25,8 +24,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
-from tqdm import tqdm
 
+from palpate.batch import progress
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset, GraspDataset
 from palpate.store.zarr_files import COMPRESSION, load_zarr
@@ -92,11 +91,6 @@ def versions(dataset: Dataset) -> dict[str, str]:
     return made_by
 
 
-def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict[str, Any]]:
-    """The items of a split; the terminal has a bar."""
-    return iter(tqdm(grasps, desc=split, unit=grasps.unit, disable=not sys.stderr.isatty()))
-
-
 def pictures(grasps: GraspDataset, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
     """The images of an array by name, `reading.0`, `reading.1`, ..., or the array's if it is one image.
     values: (..., h, w), of colours (..., h, w, 3 or 4). Empty for an array that is not of images."""
@@ -128,7 +122,7 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
         for split, grasps in splits.items():
             shards, written = itertools.count(), SHARD_BYTES
             with ExitStack() as shard:
-                for item, sample in zip(with_progress(grasps, split), samples, strict=False):
+                for item, sample in zip(progress(grasps, desc=split, unit=grasps.unit), samples, strict=False):
                     if written >= SHARD_BYTES:
                         shard.close()
                         path = folder / f"{split}-{next(shards):06d}.tar"
@@ -165,7 +159,7 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
         raise ImportError(f"Parquet needs pyarrow: pip install 'pyarrow<26'; WebDataset does not ({error})") from error
     for split, grasps in splits.items():
         (folder / split).mkdir()
-        path, items = folder / split / "metadata.parquet", with_progress(grasps, split)
+        path, items = folder / split / "metadata.parquet", iter(progress(grasps, desc=split, unit=grasps.unit))
         first, _ = _row(grasps[0], grasps)
         # The first bytes of all numbers together, then the second, take a third less. Single numbers stay as they are.
         floats = {key: each for key, each in first.items() if np.ndim(each) and np.asarray(each).dtype in ("f4", "f8")}
@@ -227,7 +221,7 @@ def write_zarr_groups(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
     """Write the grasps of each split. Every chunk is written: Zarr takes a missing one for zeros."""
     zarr = load_zarr()
     for split, grasps in splits.items():
-        group, items = zarr.create_group(folder / f"{split}.zarr"), with_progress(grasps, split)
+        group, items = zarr.create_group(folder / f"{split}.zarr"), iter(progress(grasps, desc=split, unit=grasps.unit))
         arrays = {}
         for name, value in grasps[0].items():
             _, spec = grasps.sources.get(name, ("", None))

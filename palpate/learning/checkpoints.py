@@ -54,7 +54,6 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
     schema version or kind of model."""
     if not Path(path).exists():
         raise CheckpointError(f"{path} does not exist; train the model with: {rebuild_command(path)}")
-    open(path, "rb").close()  # a file without permission to read is not damaged
     require_intact(path)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)

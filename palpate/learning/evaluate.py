@@ -1,7 +1,6 @@
 """Errors of trained models on every object of a split, every ring around its touches, and every touch."""
 
 import logging
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -13,8 +12,8 @@ import numpy as np
 import pandas as pd
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
+from palpate.batch import progress
 from palpate.charts import build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
 from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord
@@ -143,7 +142,7 @@ def predictions(trained: Trained, data: ExperimentData, splits: Sequence[str]) -
         sensors = model.hand_sensors, model.sensor, data.hand_sensors, data.sensor
         checkpoints.require_sensor(*sensors, f"model {experiment.name}")
     assemble, label = Assembler(data, experiment, trained.device), f"{experiment.name} seed {trained.seed}"
-    bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
+    bar = progress(total=len(samples), desc=label, unit="sample")
     # Together are samples of one object where it has several, else of several objects.
     by_object = [list(group) for _, group in groupby(samples, lambda sample: sample.object)]
     groups = by_object if len(samples) > len(by_object) else [samples]
@@ -204,7 +203,7 @@ def evaluate_touch(
     checkpoints.require_sensor(None, model.sensor, None, dataset.sensor, "the model of touches")
     records = [record for record in dataset if record.split in splits]
     rows, empty = [], dataset.empty_reading
-    for record in tqdm(records, desc="touch depth", unit="object", disable=not sys.stderr.isatty()):
+    for record in progress(records, desc="touch depth", unit="object"):
         for grasp in record.grasps:
             sensors = np.flatnonzero(grasp.success)
             draw = seeded(0, record.name, str(grasp.number), "evaluation")

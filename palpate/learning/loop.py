@@ -6,17 +6,16 @@ import json
 import logging
 import math
 import shutil
-import sys
 import time
 from pathlib import Path
 from typing import Any, cast
 
 import torch
 from lightning_fabric import Fabric
-from tqdm import tqdm
 
 from palpate import seal
 from palpate.atomic import atomic_write
+from palpate.batch import progress
 from palpate.learning import checkpoints
 from palpate.learning.learners import Diverged, Learner
 from palpate.learning.machine import Machine
@@ -68,8 +67,7 @@ class Training:
         """All steps that are left, each evaluation with a row of the history and a checkpoint."""
         learner, began_at, start = self.learner, self.done, time.perf_counter()
         logged, before = start, self.history[-1]["seconds"] if self.history else 0.0
-        hidden = not sys.stderr.isatty()
-        bar = tqdm(total=learner.steps, initial=began_at, desc=self.label, unit="step", disable=hidden)
+        bar = progress(total=learner.steps, initial=began_at, desc=self.label, unit="step")
         while self.done < learner.steps and not self.out_of_patience:
             losses = []
             for step in range(self.done, min(self.done + learner.validation_interval, learner.steps)):

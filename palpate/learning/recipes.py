@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from palpate.architectures import Architecture, paper_architecture, required
-from palpate.configuration import ConfigError, check, merge, not_among, plain
-from palpate.experiments import Experiment
+from palpate.configuration import ConfigError, check, merge, not_among, plain, read_yaml
+from palpate.experiments import Experiment, combinations
 from palpate.strategies import STRATEGIES
 
 TUNED = ("rate", "cnn_layers", "gcn_layers", "width")
@@ -75,8 +73,9 @@ class Recipe:
     @classmethod
     def read(cls, recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> "Recipe":
         """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked. Raises ConfigError,
-        naming the keys, for an unknown recipe, or a part without steps or epochs or against the schema."""
-        known = yaml.safe_load(Path(recipes).read_text())
+        naming the keys, for an unknown recipe, a part without steps or epochs, what the schema does not allow, and as
+        `read_yaml`."""
+        known = read_yaml(recipes)
         check(known, schema, str(recipes))
         if name not in known:
             raise ConfigError(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
@@ -97,8 +96,9 @@ class Recipe:
         return cls.from_row(recipe)
 
     def settings(self, experiment: Experiment) -> ReconstructionSettings:
-        """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
-        Steps, epochs and the steps between evaluations are then multiplied by `steps_factor`, if there is one."""
+        """How to train one experiment. Over `reconstruction` its modality's settings are merged, then its strategy's;
+        over their architecture its own. Steps, epochs and the steps between evaluations are then multiplied by
+        `steps_factor`, if there is one."""
         merged = merge(self.reconstruction, self.modalities.get(experiment.modality, {}))
         merged = merge(merged, self.strategies.get(experiment.strategy, {}))
         papers = merged["architecture"] == "paper"
@@ -112,14 +112,13 @@ class Recipe:
 
 def tuning_grid(file: Path | str, name: str) -> list[dict[str, Any]]:
     """The points of a grid of `config/tuning.yaml`, each a value of every one of `TUNED`. Raises ConfigError if there
-    is no such grid or it does not have these keys."""
-    grids = yaml.safe_load(Path(file).read_text())
+    is no such grid or it does not have these keys, and as `read_yaml`."""
+    grids = read_yaml(file)
     if name not in grids:
         raise ConfigError(f"config tuning.grid: no grid {name!r} in {file}; known: {', '.join(grids)}")
     if set(grids[name]) != set(TUNED):
         raise ConfigError(f"{file}: grid {name} must have {', '.join(TUNED)}, but it has {', '.join(grids[name])}")
-    values = (grids[name][key] for key in TUNED)
-    return [dict(zip(TUNED, point, strict=True)) for point in itertools.product(*values)]
+    return combinations({key: grids[name][key] for key in TUNED})
 
 
 def layers_of_blocks(count: int) -> list[int]:

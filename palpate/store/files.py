@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 import palpate
-from palpate import seal
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, write_rejections
 from palpate.configuration import ConfigError
@@ -118,11 +117,6 @@ class Store:
                 self.seal.require(contents=False)
         self.attributes = {**self._files.attributes, "made_from": self.seal.made_from}
 
-    def verify(self) -> None:
-        """Compare all files with the seal. Raises StoreError, naming the first, if any is not as written."""
-        with reading(self.path):
-            seal.verify(self.path)
-
     @property
     def seal(self) -> Seal:
         return self._files.seal
@@ -216,8 +210,7 @@ def write_batch(
     `palpate.batch.each_object` returns them, the objects' arrays as for `join`; made_from: see `palpate.seal.combine`;
     more: arrays of the batch; attributes: further ones that the stage's stores have. Raises StoreError as `write`."""
     records, rejections = results
-    with atomic_write(paths["rejected"], made_from) as partial:
-        write_rejections(partial, rejections)
+    write_rejections(paths["rejected"], rejections, made_from)
     arrays = {**join(stage, records), **more}
     stated = {"seed": seed, "made_from": with_output(made_from, paths["rejected"]), **attributes}
     write(paths[stage], stage, arrays, stated)

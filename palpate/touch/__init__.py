@@ -8,9 +8,9 @@ EXPORTS = {
     "presses": ["press_object"],
     "rays": ["RayCaster"],
     "reading": [
-        *("LARGEST_STRAIN", "PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "TouchReading"),
+        *("PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "TouchReading"),
         *("face_sensor", "local_points", "press_sensor", "press_sensors"),
-        *("scene_tracer", "sense", "sense_scene", "shade_pressed"),
+        *("scene_tracer", "sense", "sense_scene", "shade_pressed", "warn_of_strain"),
     ],
     "shading": ["DIFFUSE", "LIGHTS", "empty_reading", "impression", "normals", "shade"],
 }

@@ -1,6 +1,7 @@
 """What touch sensors report: depth maps, local clouds and readings, also of an elastic gel that is pressed. A pressed
 sensor's whole gel takes part, and its image shows a window of it."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -15,6 +16,8 @@ if TYPE_CHECKING:  # engines are imported where they are used: what shades a fac
     from palpate.scene import Scene
     from palpate.touch.rays import RayCaster
 
+log = logging.getLogger(__name__)
+
 # Of the default sensor; `palpate/sensors/digit.yaml` has their sources.
 SENSOR_WIDTH, RESOLUTION, SENSOR_RANGE = DIGIT.width, DIGIT.resolution[0], DIGIT.range
 PIXEL_CENTRES = DIGIT.pixel_centres[0]
@@ -22,6 +25,13 @@ PIXEL_CENTRES = DIGIT.pixel_centres[0]
 FURTHEST = 16.0  # metres from the origin within which points in single precision are right to a micrometre
 LARGEST_STRAIN = 0.4  # of the thickness: what linear theory gives beyond it is said to be doubtful (docs/gel.md)
 MARKER_RADIUS = 2.5e-4  # m, chosen: dots of 0.5 mm, some 1 to 2 mm apart, are what marked gels have
+
+
+def warn_of_strain(name: str, strain: np.ndarray) -> None:
+    """Log a warning if a gel was pressed in beyond `LARGEST_STRAIN`; name: of the object; strain: of any shape."""
+    if (deepest := float(strain.max())) > LARGEST_STRAIN:
+        text = "%s: a gel is pressed in by %.2f of its thickness; linear theory holds up to about %g"
+        log.warning(text, name, deepest, LARGEST_STRAIN)
 
 
 class TouchReading(NamedTuple):

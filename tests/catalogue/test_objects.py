@@ -17,16 +17,13 @@ from PIL import Image, ImageOps
 
 from palpate.batch import UnusableObject
 from palpate.catalogue import (
-    PAPER_SPLIT,
     SPLITS,
     CatalogueEntry,
     CatalogueError,
     Source,
-    all_classes,
     assign_split,
     checksum,
     class_counts,
-    companions,
     copies,
     file_name,
     scan,
@@ -34,6 +31,9 @@ from palpate.catalogue import (
     unread_lines,
 )
 from palpate.catalogue.source import read_object_table
+from palpate.catalogue.sources import all_classes
+from palpate.catalogue.split import PAPER_SPLIT
+from palpate.catalogue.table import companions
 from palpate.configuration import ConfigError
 from palpate.mesh import prepare
 from tests.catalogue.test_sources import names, patterns_of_classes, tree

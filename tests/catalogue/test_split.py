@@ -11,18 +11,9 @@ from hypothesis import strategies as st
 from scipy.stats import binom, kstest
 
 from palpate import shapes
-from palpate.catalogue import (
-    PAPER_SPLIT,
-    CatalogueError,
-    Source,
-    assign_split,
-    check_splits,
-    held_out_styles,
-    scan,
-    splits_of,
-    style_of,
-    suggest_split,
-)
+from palpate.catalogue import CatalogueError, Source, assign_split, check_splits, scan, splits_of
+from palpate.catalogue.sources import style_of
+from palpate.catalogue.split import PAPER_SPLIT, held_out_styles, suggest_split
 from tests.catalogue.whole import whole_catalogue
 
 PAPER_COUNTS = {"bottle": 487, "knife": 416, "cellphone": 493, "rifle": 335}

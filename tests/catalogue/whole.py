@@ -2,7 +2,8 @@
 
 import pandas as pd
 
-from palpate.catalogue import COLUMNS, PAPER_SPLIT, CatalogueEntry, assign_batches, build, in_order, scan, splits_of
+from palpate.catalogue import COLUMNS, CatalogueEntry, assign_batches, build, in_order, scan, splits_of
+from palpate.catalogue.split import PAPER_SPLIT
 
 
 def whole_catalogue(source, classes, ratios=PAPER_SPLIT, batches=16):

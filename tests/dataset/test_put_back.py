@@ -41,8 +41,7 @@ def entries_of(run):
 
 def write_part(run, stage, batch, names):
     path = run / f"rejected/{stage}/{batch}.csv"
-    with atomic_write(path, {}) as partial:
-        write_rejections(partial, [Rejection(name, stage, "too few grasps") for name in names])
+    write_rejections(path, [Rejection(name, stage, "too few grasps") for name in names], {})
     return path
 
 
@@ -57,8 +56,7 @@ def write_stores(run, batch):
 
 def write_whole(run):
     parts = sorted(run.glob("rejected/*/*.csv"))
-    with atomic_write(run / "rejected.csv", seal.made_of(parts)) as partial:
-        write_rejections(partial, palpate.batch.read_rejections(parts))
+    write_rejections(run / "rejected.csv", palpate.batch.read_rejections(parts), seal.made_of(parts))
 
 
 def write_products(run):
@@ -202,6 +200,5 @@ def test_an_altered_or_unsealed_output_fails_validation(whole, name):
 
 def test_what_remains_of_batches_of_an_earlier_config_is_no_failure(whole):
     write_part(whole, "grasps", "batch-0007", [])
-    with atomic_write(whole / "rejected/grasps/batch-0007.csv", {"config": {"seed": 7}}) as partial:
-        write_rejections(partial, [])
+    write_rejections(whole / "rejected/grasps/batch-0007.csv", [], {"config": {"seed": 7}})
     assert failures(whole) == {}

@@ -14,7 +14,6 @@ import zarr
 import palpate
 import palpate.store
 from palpate import seal
-from palpate.atomic import atomic_write
 from palpate.batch import Rejection, write_rejections
 from palpate.camera import looking_at, matrices, paper_camera
 from palpate.catalogue import CatalogueError
@@ -533,8 +532,7 @@ def test_a_table_of_rejections_that_is_lost_or_damaged_is_an_error(run):
     tables = {batch: run / f"rejected/touch/{batch}.csv" for batch in ("batch-0000", "batch-0001")}
     for table in tables.values():
         table.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(table, seal.NOTHING) as partial:
-            write_rejections(partial, [Rejection("ball-0001", "touch", "no touch")])
+        write_rejections(table, [Rejection("ball-0001", "touch", "no touch")], seal.NOTHING)
     dataset = palpate.Dataset(run)
     assert len(dataset.rejections()) == 2
     table = tables["batch-0001"]

@@ -17,7 +17,7 @@ from palpate.learning.samples import Assembler, Sample, training_samples, window
 from palpate.models.kriging import touched_points
 from palpate.models.retrieval import Objects
 from palpate.models.templates import LEAST_FITS
-from palpate.strategies import STRATEGIES, Template
+from palpate.strategies import STRATEGIES
 from tests.learning.conftest import SETTINGS, made_up
 from tests.learning.test_loop import CPU
 
@@ -142,14 +142,9 @@ def test_a_validation_chooses_how_well_a_template_has_to_fit(monkeypatch, vision
             assert model.templates.least_fit.tolist() == LEAST_FITS[[chosen, chosen]].tolist()
 
 
-class NotCopied(Template):
-    """As `Template`, without touch charts in the mesh: no strategy of ours."""
-
-    copies_touch = False
-
-
 def test_without_copies_the_vision_charts_are_the_same(monkeypatch):
-    monkeypatch.setitem(STRATEGIES, "not_copied", NotCopied)
+    # As `template`, without touch charts in the mesh: no strategy of ours.
+    monkeypatch.setitem(STRATEGIES, "not_copied", replace(STRATEGIES["template"], copies_touch=False))
     data = made_up("unoccluded", "charts")
     learner = ReconstructionLearner(data, row(), SETTINGS, 0)
     batch = Assembler(data, row())([Sample(0, (0,))])

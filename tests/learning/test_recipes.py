@@ -107,6 +107,8 @@ def test_modality_then_strategy():
         ({"touch_depth": {"batch": 0}}, "fast.touch_depth.batch: 0 is less than the minimum"),
         ({"reconstruction": {"schedule": "cosine"}}, "fast.reconstruction.schedule: 'cosine' is not one of"),
         ({"reconstruction": {"architecture": {"gcn": {"depth": 1}}}}, "gcn.depth: unknown key"),
+        ({"reconstruction": {"architecture": {"deformations": 0}}}, "deformations: 0 is less than the minimum"),
+        ({"reconstruction": {"architecture": {"failed_charts": "kept"}}}, "failed_charts: 'kept' is not one of"),
         ({"epochs": 3}, "fast.epochs: unknown key"),
         ({"strategies": {"pold": {}}}, "'pold' is not one of charts, no_copy"),
         (
@@ -138,6 +140,18 @@ def test_a_part_of_an_architecture_is_merged_into_the_whole():
 def test_a_recipe_that_does_not_exist():
     with pytest.raises(ConfigError, match="no recipe 'slow' .*known: fast, paper"):
         resolve({}, "slow")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [("paper: {}", "key 'paper' stands twice"), ("x: [", "can't be read as YAML")]
+)
+def test_a_file_that_is_not_right_is_named(tmp_path, text, said):
+    grid = PROJECT / "config/tuning.yaml"
+    for file, read in ((FILE, lambda path: resolve({}, file=path)), (grid, lambda path: tuning_grid(path, "small"))):
+        changed = tmp_path / file.name
+        changed.write_text(f"{file.read_text()}\n{text}\n")
+        with pytest.raises(ConfigError, match=rf"{changed}: .*{said}"):
+            read(changed)
 
 
 def test_the_supplements_grid():

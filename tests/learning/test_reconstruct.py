@@ -58,16 +58,11 @@ VIEWS, VIEW_SIZE = 2, 137
 OBJECT_CENTRE = torch.tensor(OBJECT_POSITION)
 
 
-class NotCopied(Strategy):
-    """Charts with features of the nearest touches, none of which are in the mesh: no strategy of ours."""
-
-    touch_input = "pooled"
-
-
 @pytest.fixture(scope="module", autouse=True)
-def strategies():
+def not_copied():
+    """Charts with features of the nearest touches, none of which are in the mesh: no strategy of ours."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setitem(STRATEGIES, "not_copied", NotCopied)
+        patched.setitem(STRATEGIES, "not_copied", Strategy(touch_input="pooled"))
         yield
 
 

@@ -11,7 +11,8 @@ from PIL import Image
 import palpate.store
 from palpate.batch import UnusableObject, each_object
 from palpate.camera import paper_camera
-from palpate.catalogue import CatalogueError, Source, all_classes, scan
+from palpate.catalogue import CatalogueError, Source, scan
+from palpate.catalogue.sources import all_classes
 from palpate.released import arrays as released
 from palpate.released.layout import read_released
 from palpate.touch import SENSOR_WIDTH

@@ -13,7 +13,7 @@ from palpate.camera import FOCAL_LENGTH, POSITION, ROTATION, looking_at, paper_c
 from palpate.configuration import ConfigError
 from palpate.dataset.checks import CHECKS, CheckedObject, check_vision
 from palpate.mesh import OBJECT_POSITION
-from palpate.scene import LIGHTS, Light, Scene, background, cameras, draw, lights
+from palpate.scene import LIGHTS, Light, Scene, cameras, draw, lights, look
 from palpate.surface.embree import RayMesh
 from palpate.vision import Mesh, Renderer
 from palpate.vision.image import linear, vision_record
@@ -166,8 +166,9 @@ def of_config(**changed):
 def test_the_configs_defaults_are_the_papers_camera_and_the_lights_of_a_scene():
     (camera,) = cameras(of_config())
     assert_array_equal(camera.matrix(), paper_camera(200).matrix())
-    assert lights(of_config()) is LIGHTS and background(of_config()) == Scene("x").background == (1, 1, 1)
-    assert background(of_config(background="transparent")) is None
+    assert lights(of_config()) is LIGHTS and look(of_config()) == {"lights": LIGHTS, "background": (1, 1, 1)}
+    assert Scene("x").lights is LIGHTS and Scene("x").background == (1, 1, 1)
+    assert look(of_config(background="transparent"))["background"] is None
     for settings in ({}, {"focal_length": FOCAL_LENGTH * 200 / 256}, {"field_of_view": 34.9495}):
         (same,) = cameras(of_config(cameras=[{"position": list(POSITION), "rotation": list(ROTATION), **settings}]))
         assert_allclose(same.matrix(), camera.matrix(), atol=1e-2)
@@ -272,7 +273,7 @@ def test_draws_are_uniform_in_their_ranges():
         ([each["cameras"][0]["field_of_view"] for each in drawn], 30, 40),
         ([each["cameras"][0]["target"][1] for each in drawn], -0.05, 0.05),
         ([lights(each)[0].energy for each in drawn], 1, 3),
-        ([background(each)[0] for each in drawn], 0, 0.5),
+        ([look(each)["background"][0] for each in drawn], 0, 0.5),
     ]:
         assert kstest(values, uniform(low, high - low).cdf).pvalue > 1e-4
     for camera, each in zip(seen, drawn, strict=True):
@@ -300,10 +301,10 @@ def test_images_by_drawn_cameras_pass_the_validation_with_their_own_alone(write_
     for seed in (0, 1):
         drawn = draw(of_config(**RANDOM), seed, "box")
         scene = scene_of(path, hand, grasp_poses(hand), size=200)
-        scene = replace(scene, lights=lights(drawn), background=background(drawn))
+        scene = replace(scene, **look(drawn))
         records.append(vision_record(renderer.render_cameras(scene, cameras(drawn)), cameras(drawn)))
         corner = records[-1]["unoccluded"][0, 0, 0]
-        assert_allclose(corner / 255, background(drawn), atol=0.5 / 255)
+        assert_allclose(corner / 255, scene.background, atol=0.5 / 255)
 
     def failed(rows):
         found = check_vision(CheckedObject({"vision": rows}, path.parent))

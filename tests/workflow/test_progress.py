@@ -1,6 +1,7 @@
 """What a run prints: progress with an estimate, failures in a line, unknown targets, and the end."""
 
 import io
+import json
 import logging
 import logging.handlers
 import os
@@ -10,6 +11,7 @@ import subprocess
 import threading
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -272,8 +274,15 @@ def test_errors_are_plain(kind, text, said):
     assert line.startswith(said) and (said == "as it is" or "\n" not in line)
 
 
-def test_an_unknown_target_without_a_near_one_gets_the_notes_alone():
-    assert hooks.unknown_target("zzzz", ["dataset", "all"], ["by name: all"]) == "no target zzzz\n  by name: all"
+def test_a_package_that_is_not_installed_costs_no_page(monkeypatch, tmp_path):
+    pages = []
+    monkeypatch.setattr("palpate.viewer.run_page", lambda folder, **_: pages.append(folder))
+    monkeypatch.setattr(hooks, "VERSIONS", ("numpy", "no-such-package"))
+    made = SimpleNamespace(done=1, failures=[], estimate=SimpleNamespace(so_far=lambda: 3.2))
+    hooks._write_page(str(tmp_path), 0, made)
+    versions = json.loads((tmp_path / "last_run.json").read_text())["versions"]
+    assert versions["numpy"] == np.__version__ and versions["no-such-package"] == "not installed"
+    assert pages == [str(tmp_path)]
 
 
 def test_the_last_line_of_a_log(tmp_path):

@@ -10,7 +10,7 @@ from snakemake.logging import logger
 
 from palpate import catalogue, sensor, stages
 from palpate.check import FILES, checked, resolve
-from palpate.configuration import ConfigError, check, in_order, parse_texts, read_yaml, typed, whole_numbers
+from palpate.configuration import ConfigError, check, in_order, nearest, parse_texts, read_yaml, typed, whole_numbers
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CLASS_FILE = rf"\w[{catalogue.LETTERS}.-]*"  # a class in a file's name: `catalogue.file_name`
@@ -45,11 +45,11 @@ try:
     if HAND:
         from palpate import grasp, hand  # loads MuJoCo
 
-        for line in hand.check_files(HAND.mjcf, HAND.sensors, SENSOR):
+        for line in hand.check_files(*HAND, SENSOR):
             logger.warning(line)
-        own_hand = hand.from_mjcf(HAND.mjcf, HAND.sensors, SENSOR.gel_face)
+        own_hand = hand.from_mjcf(*HAND, SENSOR.gel_face)
         grasp.check_hand(own_hand, config["grasps"]["timestep"], config["grasps"]["max_penetration"])
-        HAND_FILES = [checked(str(path)) for path in hand.model_files(HAND.mjcf)]
+        HAND_FILES = [checked(str(path)) for path in hand.model_files(HAND[0])]
     if [config["vision"][key] for key in ("cameras", "lights", "background")] != [None, None, [1, 1, 1]]:
         from palpate import scene
 

@@ -20,9 +20,9 @@ def known_targets():
 
 
 def explain_target(path):
-    """The message for a target that no rule makes."""
+    """The message for a target that no rule makes: the nearest known ones, then the kinds of targets, a line each."""
     path = os.path.relpath(path, RUN_FOLDER) if os.path.isabs(path) else path
-    known, seeds = known_targets(), config["training"]["seeds"]
+    seeds = config["training"]["seeds"]
     notes = [
         f"by name: {', '.join(NAMED_TARGETS)}",
         f"tables/<table>.csv, .md, .tex: {', '.join(product_names('tables', OFFERED))}",
@@ -35,4 +35,4 @@ def explain_target(path):
     seed = re.search(r"\bseed-(\d+)\b", path)
     if seed and int(seed[1]) not in seeds:
         notes.insert(0, f"the config has no seed {seed[1]}: add it to training.seeds")
-    return hooks.unknown_target(path, known, notes)
+    return "\n  ".join([f"no target {path}{nearest(path, known_targets())}", *notes])

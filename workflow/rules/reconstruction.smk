@@ -1,12 +1,9 @@
 from palpate.learning.recipes import tuning_grid
 
 TUNED = EXPERIMENTS.experiments.get("charts_occluded_touch")
-try:
-    grid = tuning_grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
-except ConfigError as error:
-    stop(error)
 # The points of the grid by their folders, as Snakemake's Paramspace names them; that would load pandas.
-POINTS = {str(Path(*(f"{key}~{value}" for key, value in point.items()))): point for point in grid}
+GRID = tuning_grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
+POINTS = {str(Path(*(f"{key}~{value}" for key, value in point.items()))): point for point in GRID}
 
 
 # One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/learning/inputs.py).

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from snakemake.logging import logger
 
 from palpate import __version__, atomic
 from palpate.batch import one_line_error
-from palpate.configuration import nearest
 from palpate.viewer import duration
 from snakemake_logger_plugin_palpate import INTERRUPTED, LogHandler
 
@@ -45,11 +43,6 @@ def excepthook(kind: type[BaseException], error: BaseException, traceback) -> No
         print(INTERRUPTED, file=sys.stderr)
     else:
         sys.__excepthook__(kind, error, traceback)
-
-
-def unknown_target(path: str, known: Iterable[str], notes: Sequence[str] = ()) -> str:
-    """The message for a target that nothing makes: the nearest known ones, then the notes, a line each."""
-    return "\n".join([f"no target {path}{nearest(path, known)}", *(f"  {note}" for note in notes)])
 
 
 def end_at_signals() -> None:
@@ -120,6 +113,14 @@ def commit() -> dict[str, str]:
         return {}
 
 
+def version(package: str) -> str:
+    """The version of a package that is installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
 def _write_page(folder: str, object_pages: int, handler: LogHandler | None) -> None:
     """index.html, and what it says of this start: last_run.json. No file of the workflow depends on them."""
     from palpate.viewer import run_page
@@ -133,7 +134,7 @@ def _write_page(folder: str, object_pages: int, handler: LogHandler | None) -> N
                 "seconds": round(handler.estimate.so_far()),
                 "failures": handler.failures,
                 **commit(),
-                "versions": {"palpate": __version__} | {name: metadata.version(name) for name in VERSIONS},
+                "versions": {"palpate": __version__} | {name: version(name) for name in VERSIONS},
             }
             with atomic.atomic_write(f"{folder}/last_run.json") as path:
                 path.write_text(json.dumps(last, indent=1) + "\n")

@@ -5,9 +5,7 @@ catalogue.csv    the rows of catalogue/<batch>.csv, batch by batch, with their s
 
 from workflow.run.job import log_to
 
-from pathlib import Path
-
-from palpate import catalogue, configuration, seal
+from palpate import catalogue, seal
 from palpate.text_files import read_record
 
 log_to(snakemake.log[0])
@@ -19,7 +17,5 @@ shapes = {name: each["shape"] for name, each in facts}
 groups = catalogue.copies({entry.object: entry.checksum for entry in entries}, shapes)
 splits = catalogue.splits_of(entries, params.split, params.seed, groups)
 entries = [entry._replace(split=splits[entry.object]) for entry in entries]
-schema = Path(snakemake.scriptdir).parent / "schemas/catalogue.schema.yaml"
-configuration.check([dict(zip(catalogue.COLUMNS, entry, strict=True)) for entry in entries], schema, "catalogue.csv")
 made_from = seal.made_of(snakemake.input, seal.by_path({"split": params.split, "seed": params.seed}))
 catalogue.write_catalogue(snakemake.output.table, entries, made_from)

@@ -32,7 +32,7 @@ def render(name: str) -> dict[str, np.ndarray]:
     row = frames["object"].tolist().index(name)
     at = {array: frames.get(array, row)[:, chosen] for array in GRASP_ARRAYS}
     own_settings = scene.draw(settings, seed, name)
-    look = {"lights": scene.lights(own_settings), "background": scene.background(own_settings)}
+    look = scene.look(own_settings)
     cameras = scene.cameras(own_settings)
     flat = {array: values.reshape(-1, *values.shape[2:]) for array, values in at.items()}
     pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, flat, hand, **look), cameras)

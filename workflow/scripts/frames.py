@@ -6,41 +6,32 @@ frames/<batch>.zarr
 from workflow.run.job import log_to
 
 import logging
-from pathlib import Path
 
 import numpy as np
 
 from palpate import grasp, mesh, seal, store, touch
 from palpate.batch import generator
-from palpate.hand import Hand
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor, read_background
+from workflow.run.kept_grasps import each_kept
 
 log_to(snakemake.log[0])
 log = logging.getLogger("frames")
 inputs, params = snakemake.input, snakemake.params
-meshes, seed, description = Path(inputs.meshes), params.seed, params.sensor
-grasps, surface = store.read(inputs.grasps), store.open(inputs.surface)
+seed, description, image = params.seed, params.sensor, inputs.background
 made_with = {"seed": seed, "frames": params.frames, "touch": {"sensor": description}}
-made_from = seal.combine(made_with, seal.read(meshes), surface.seal, store.open(inputs.grasps).seal)
-hand = Hand.from_arrays(grasps, prefix="hand/")
-image = inputs.background
+made = seal.read(inputs.meshes), store.open(inputs.surface).seal, store.open(inputs.grasps).seal
+made_from = seal.combine(made_with, *made)
 sensor = Sensor.from_description(description, read_background(image, description["resolution"]) if image else None)
-points = dict(zip(surface["object"], surface["points"], strict=True))
-grasper_type = grasp.grasper_type(params.grasps, params.hold)
-settings = {key: params.grasps[key] for key in ("timestep", "max_penetration", "thumb_share")}
+remedy = rebuild_advice(inputs.grasps)
+asked = {"count": params.frames["count"], "with_contacts": params.frames["contacts"], "remedy": remedy}
 
 
-def record(row: int, name: str) -> dict:
-    visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
-    kept = {array: values[row] for array, values in grasps.items() if len(values) == len(grasps["object"])}
-    grasper = grasper_type(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
-    remedy = rebuild_advice(inputs.grasps)
-    asked = {"count": params.frames["count"], "with_contacts": params.frames["contacts"], "remedy": remedy}
+def record(name: str, grasper: grasp.Grasper, kept: dict) -> dict:
     frames = grasp.closing_frames(grasper, kept, generator(seed, name, "grasps"), **asked)
     omitted = f"{kept['attempts'] - len(kept['touches'])} closings that gave no kept grasp"
     if params.frames["touch"]:
-        tracer = touch.RayCaster(visual, mesh.OBJECT_POSITION, sensor)
+        tracer = touch.RayCaster(grasper.visual, mesh.OBJECT_POSITION, sensor)
         position, rotation = frames["sensor_position"], frames["sensor_rotation"]
         near = tracer.is_near(position, rotation)
         depth = np.full((*near.shape, *sensor.resolution), np.inf, np.float32)
@@ -52,7 +43,7 @@ def record(row: int, name: str) -> dict:
     return frames
 
 
-frames = {name: record(row, name) for row, name in enumerate(grasps["object"])}
+frames = {each[0]: record(*each) for each in each_kept(inputs, params, sensor)}
 more = {"empty_reading": touch.empty_reading(sensor)} if params.frames["touch"] else {}
 attributes = {"seed": seed, "made_from": made_from, "sensor": description}
 store.write(snakemake.output.frames, "frames", {**store.join("frames", frames), **more}, attributes)

@@ -50,7 +50,7 @@ with atomic_write(outputs.meshes) as batch:
         return mesh.facts(record)
 
     facts, rejections = each_object(objects, prepare, "meshes")
-    with atomic_write(outputs.rejected, made_from) as rejected, atomic_write(outputs.facts, made_from) as of_objects:
-        write_rejections(rejected, rejections)
+    write_rejections(outputs.rejected, rejections, made_from)
+    with atomic_write(outputs.facts, made_from) as of_objects:
         of_objects.write_text(json.dumps(facts) + "\n")
     seal.write(batch, seal.with_output(made_from, outputs.rejected))

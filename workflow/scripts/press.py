@@ -33,11 +33,7 @@ def press(name: str) -> dict[str, np.ndarray]:
         arrays[place] = arrays[place] + mesh.OBJECT_POSITION
     for reason, number in discarded.items():
         log.info("%s: %d points without a press: %s", name, number, reason)
-    if (deepest := float(arrays["strain"].max())) > touch.LARGEST_STRAIN:
-        log.warning(
-            "%s: a gel is pressed in by %.2f of its thickness; linear theory holds up to about %g",
-            *(name, deepest, touch.LARGEST_STRAIN),
-        )
+    touch.warn_of_strain(name, arrays["strain"])
     return arrays
 
 

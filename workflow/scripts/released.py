@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from palpate import seal, store
-from palpate.atomic import atomic_write
 from palpate.batch import each_object, generator, write_rejections
 from palpate.released import arrays as released
 from palpate.sensor import DIGIT
@@ -43,8 +42,7 @@ if agreement:
     logging.info("readings lie on %.1f %% of their depths' pixels (%.1f %% if turned over)", same, turned)
     if turned > same:
         logging.warning("rows and columns of the readings look exchanged: the depths fit better turned over")
-with atomic_write(snakemake.output.rejected, made_from) as rejected:
-    write_rejections(rejected, rejections)
+write_rejections(snakemake.output.rejected, rejections, made_from)
 made_from = seal.with_output(made_from, snakemake.output.rejected)
 for stage in ("surface", "touch", "vision"):
     arrays = store.join(stage, {name: records[stage] for name, records in found.items()})

@@ -22,7 +22,6 @@ def sample(name: str) -> dict[str, np.ndarray]:
     return {"points": points + mesh.OBJECT_POSITION, "scale": mesh.read_record(meshes / name)["scale"]}
 
 
-prepared = set(mesh.usable(meshes))
-usable = [name for name in snakemake.params.objects if name in prepared]
+usable = filter(set(mesh.usable(meshes)).__contains__, snakemake.params.objects)
 made_from = seal.combine({"seed": seed, "surface": settings}, seal.read(meshes))
 store.write_batch(snakemake.output, "surface", each_object(usable, sample, "surface"), seed, made_from)

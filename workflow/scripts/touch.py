@@ -5,7 +5,6 @@ touch/<batch>.zarr, rejected/touch/<batch>.csv; arrays: palpate/store/contract.c
 
 from workflow.run.job import log_to
 
-import logging
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from palpate.scene import GRASP_ARRAYS, Scene
 from palpate.sensor import Sensor, read_background
 
 log_to(snakemake.log[0])
-log = logging.getLogger("touch")
 meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
 description = snakemake.params.sensor
 grasps = store.read(snakemake.input.grasps)
@@ -40,13 +38,8 @@ def sense(name: str) -> dict[str, np.ndarray]:
         tracer = touch.scene_tracer(scene, touch.face_sensor(sensor))
         readings = touch.press_sensors(tracer, sensor, scene.sensor_position, scene.sensor_rotation, force)
         readings["reading"][~sensed.success] = 0
-        strain = readings.pop("strain")
+        touch.warn_of_strain(name, readings.pop("strain"))
         arrays |= readings
-        if (deepest := float(strain.max())) > touch.LARGEST_STRAIN:
-            log.warning(
-                "%s: a gel is pressed in by %.2f of its thickness; linear theory holds up to about %g",
-                *(name, deepest, touch.LARGEST_STRAIN),
-            )
     return arrays
 
 

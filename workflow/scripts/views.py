@@ -27,7 +27,6 @@ def look(name: str) -> dict[str, np.ndarray]:
     return views.render(renderer, Scene(meshes / name), at, size)._asdict()
 
 
-prepared = set(mesh.usable(meshes))
-usable = [name for name in params.objects if name in prepared]
+usable = filter(set(mesh.usable(meshes)).__contains__, params.objects)
 made_from = seal.combine({"seed": params.seed, "views": params.views}, seal.read(meshes))
 store.write_batch(snakemake.output, "views", each_object(usable, look, "views"), params.seed, made_from)

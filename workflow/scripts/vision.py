@@ -35,7 +35,7 @@ with ExitStack() as outputs:
         of_object = {array: grasps[array][row] for array in GRASP_ARRAYS}
         own_settings = scene.draw(settings, seed, name)
         drawn[name] = {key: own_settings[key] for key in scene.LOOK if own_settings[key] != settings[key]}
-        look = {"lights": scene.lights(own_settings), "background": scene.background(own_settings)}
+        look = scene.look(own_settings)
         cameras = scene.cameras(own_settings)
         pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, of_object, hand, **look), cameras)
         return vision_record(pictures, cameras)
