@@ -31,9 +31,12 @@ class TouchDepth(nn.Module):
             self.down.append(nn.Sequential(same(inputs, outputs), same(outputs, outputs)))
             inputs = outputs
         self.upsample, self.up = nn.ModuleList(), nn.ModuleList()
-        for outputs in channels[-2::-1]:
-            self.upsample.append(nn.ConvTranspose2d(2 * outputs, outputs, 2, 2))
-            self.up.append(same(2 * outputs, outputs))
+        sizes = [tuple(edge >> level for edge in sensor.resolution) for level in range(5)]
+        for level in (3, 2, 1, 0):
+            # 12 -> 25, for example, needs one more row and column than twice as many.
+            missing = sizes[level][0] - 2 * sizes[level + 1][0], sizes[level][1] - 2 * sizes[level + 1][1]
+            self.upsample.append(nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing))
+            self.up.append(same(2 * channels[level], channels[level]))
         self.depth = nn.Conv2d(width, 1, 1)
 
     def forward(self, reading: torch.Tensor) -> torch.Tensor:
@@ -50,9 +53,7 @@ class TouchDepth(nn.Module):
             levels.append(x)
         levels.pop()
         for upsample, up in zip(self.upsample, self.up, strict=True):
-            skip = levels.pop()
-            # 12 -> 25, for example, needs one more row and column than twice as many.
-            x = up(torch.cat([upsample(x, output_size=skip.shape[2:]), skip], dim=1))
+            x = up(torch.cat([upsample(x), levels.pop()], dim=1))
         impression = self.depth(x)[:, 0]
         # In float32 at least: in bfloat16 a depth of 20 mm is good to 0.06 mm.
         impression = impression.to(torch.promote_types(impression.dtype, torch.float32))

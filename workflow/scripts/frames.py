@@ -31,8 +31,8 @@ def record(name: str, grasper: grasp.Grasper, kept: dict) -> dict:
     frames = grasp.closing_frames(grasper, kept, generator(seed, name, "grasps"), **asked)
     omitted = f"{kept['attempts'] - len(kept['touches'])} closings that gave no kept grasp"
     if params.frames["touch"]:
-        tracer = touch.RayCaster(grasper.visual, mesh.OBJECT_POSITION, sensor)
-        position, rotation = frames["sensor_position"], frames["sensor_rotation"]
+        tracer = grasper.caster  # of the object in its own frame
+        position, rotation = frames["sensor_position"] - mesh.OBJECT_POSITION, frames["sensor_rotation"]
         near = tracer.is_near(position, rotation)
         depth = np.full((*near.shape, *sensor.resolution), np.inf, np.float32)
         depth[near] = tracer.trace(position[near], rotation[near])
