@@ -20,7 +20,7 @@ DIAGONAL = 0.5  # m, of the bounding boxes of objects that are scaled to one siz
 SMALLEST, LARGEST = 0.005, 2.0  # m, diagonals: an object that keeps its size and has another is in another unit
 OBJECT_POSITION = (0.0, 0.0, 0.6)
 TIME_LIMIT = 900.0  # s, for the mesh files of one object
-VERSION = 3  # of the files, in `mesh.json` and in the rule's params: meshes of an older version are made again
+VERSION = 4  # of the files, in `mesh.json` and in the rule's params: meshes of an older version are made again
 FACTS = ".facts.json"  # after the name of a batch's folder: `facts` of its objects, beside it
 
 

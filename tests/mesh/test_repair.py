@@ -149,7 +149,7 @@ def test_solids_that_share_a_wall_keep_it_and_a_back_of_one_goes():
     assert counts == [0, 12, 12] and surface.is_watertight and surface.volume == pytest.approx(2)
 
 
-@pytest.mark.parametrize("parts", permutations([BOX, (BOX, 1), BOX[[1, 7]]]))
+@pytest.mark.parametrize("parts", [*permutations([BOX, (BOX, 1), BOX[[1, 7]]])])
 def test_two_solids_and_a_sheet_in_the_wall_between_keep_it_once(parts):
     """In whatever order: each is merged with the others."""
     counts, surface, _ = kept(*parts)
