@@ -20,7 +20,7 @@ def known_targets():
 
 
 def explain_target(path):
-    """The message for a target that no rule makes: the nearest known ones, then the kinds of targets, a line each."""
+    """The message for an unknown target, with the nearest known ones and the kinds of targets, a line each."""
     path = os.path.relpath(path, RUN_FOLDER) if os.path.isabs(path) else path
     seeds = config["training"]["seeds"]
     notes = [
