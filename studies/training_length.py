@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from palpate.experiments import SPLITS
 from palpate.results.bootstrap import ratio
 from palpate.results.errors import errors
 from palpate.results.page import COLOURS, FAINT, LABEL, TITLE, new_figure, save, styled
@@ -29,7 +30,6 @@ PAIRS = (
     ("template_occluded_touch", "charts_occluded_touch"),
     ("charts_occluded", "retrieval_occluded"),
 )
-SPLITS = ("validation", "test")
 HISTORY = "history.csv"  # columns experiment, seed, step, validation_loss
 
 
