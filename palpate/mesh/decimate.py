@@ -20,17 +20,19 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nd
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces; of fewer as it is. A
     closed mesh stays closed, and the pieces of any mesh stay apart and keep their holes, if need be with more faces.
     Borders stay where they are, unless that keeps too many faces. Where the surface moves by more than `FARTHEST`, it
-    keeps twice as many faces, or four times, and so on."""
+    keeps twice as many faces, and so on."""
     while len(faces) > count:
         level = collapsed(vertices, faces, count)
         if len(level[1]) and _distance((vertices, faces), level) <= FARTHEST:
             return level
-        count *= 2
+        count = 2 * max(count, len(level[1]))  # asked for fewer than are left, it would leave as many again
     return vertices, faces
 
 
 def collapsed(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """As `decimate`, however far the surface moves."""
+    if len(faces) <= count:
+        return vertices, faces
     closed = topology.is_closed(faces)
     level = _collapsed(vertices, faces, count, True)
     if not closed and len(level[1]) > EXCESS * count:

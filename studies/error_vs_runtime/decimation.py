@@ -32,9 +32,9 @@ class Decimation(Study):
     """Palpate's quadric collapse (pymeshlab's) beside libigl's. At the config's number it is what a run makes, with
     more faces where the surface moves too far; at others the collapse alone.
 
-    The measure `faces`, the number that remains, is no error: methods compare at equal faces. The error is NaN for
-    a mesh that is small enough already, because it is not decimated, and for one that libigl rejects (it takes closed
-    manifolds only).
+    The measure `faces`, the number that remains, is no error: methods compare at equal faces. A mesh
+    that stays as it is, because it is small enough already or would move too far, has no error and all its faces. The
+    error is NaN for one that libigl rejects (it takes closed manifolds only).
     """
 
     stage = "decimation"
@@ -60,7 +60,7 @@ class Decimation(Study):
 
     def errors(self, case: Source, result: Mesh) -> dict[str, float]:
         """Distances both ways, and the faces that remain."""
-        if not 0 < len(result[1]) < len(case.faces):
+        if not len(result[1]):
             return dict.fromkeys(self.units, float("nan"))
         level = Surface(*result)
         mean, largest = np.transpose([distances(case.surface, level), distances(level, case.surface)])
