@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.camera import Camera
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, Geometry, load_geometry, read_record
+from palpate.mesh import DIAGONAL, MAX_DEVIATION, OBJECT_POSITION, Geometry, load_collision, load_geometry, read_record
 from palpate.sensor import DIGIT, Sensor
 from palpate.store.contract import CONTRACT
 from palpate.touch import local_points, shade, shade_pressed
@@ -45,7 +45,7 @@ class Check(NamedTuple):
 
 
 # What each check measures, in the order of the table in docs/dataset.md; a limit is a number, or one of these.
-LIMITS = {"EXACT": EXACT, "ON_MESH": ON_MESH, "OUTLINE": OUTLINE}
+LIMITS = {"EXACT": EXACT, "ON_MESH": ON_MESH, "OUTLINE": OUTLINE, "MAX_DEVIATION": MAX_DEVIATION + EXACT}
 LIMITS |= {"MAX_OUT_OF_RANGE": MAX_OUT_OF_RANGE, "MAX_PENETRATION": MAX_PENETRATION}
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
     rows = list(csv.DictReader(file))
@@ -53,7 +53,7 @@ CHECKS = {row["check"]: Check(LIMITS.get(row["limit"]) or int(row["limit"]), row
 
 
 # Checks that need a compiled engine of the extra `factory`, and the engine.
-ENGINES = {"on mesh": "igl", "picture of mesh": "embreex", "outside": "embreex"}
+ENGINES = {"on mesh": "igl", "collision mesh": "igl", "picture of mesh": "embreex", "outside": "embreex"}
 
 
 @cache
@@ -132,6 +132,11 @@ def check_mesh(item: CheckedObject) -> Measured:
     low, high = item.bounds
     off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
     yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - item.diagonal))
+    if can_check("collision mesh"):
+        from palpate.mesh.distance import Surface, hausdorff
+
+        collision = load_collision(item.folder)
+        yield "collision mesh", hausdorff(item.surface, Surface(collision.vertices + OBJECT_POSITION, collision.faces))
 
 
 def check_surface(item: CheckedObject) -> Measured:

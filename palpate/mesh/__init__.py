@@ -19,6 +19,7 @@ FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 DIAGONAL = 0.5  # m, of the bounding boxes of objects that are scaled to one size, as the paper's
 SMALLEST, LARGEST = 0.005, 2.0  # m, diagonals: an object that keeps its size and has another is in another unit
 OBJECT_POSITION = (0.0, 0.0, 0.6)
+MAX_DEVIATION = 0.002  # m that the surface of `collision.ply` may be from that of `visual.glb`
 TIME_LIMIT = 900.0  # s, for the mesh files of one object
 VERSION = 4  # of the files, in `mesh.json` and in the rule's params: meshes of an older version are made again
 FACTS = ".facts.json"  # after the name of a batch's folder: `facts` of its objects, beside it

@@ -3,27 +3,25 @@
 import numpy as np
 import pymeshlab
 
-from palpate.mesh import topology
-from palpate.mesh.distance import Surface
+from palpate.mesh import MAX_DEVIATION, topology
+from palpate.mesh.distance import Surface, hausdorff
 
 EXCESS = 1.1  # an open mesh with more than this many times the faces asked for is tried again with movable borders
 # Just enough for compact triangles in planes, where every collapse costs the same. pymeshlab's 0.001 bends edges: at
 # 1,000 faces a knife is 3.5 mm off with it and 0.2 mm without.
 PLANAR_WEIGHT = 1e-6
-# m that a surface may move. Where many faces share an edge, the collapse leaves spikes and holes: 4,000 faces of a vase
-# of half a metre reached 9 m out.
-FARTHEST = 0.002
 QUALITY = 0.3  # shapes of triangles no worse than this (1 for equilateral) count as equally good: pymeshlab's default
 
 
 def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces; of fewer as it is. A
     closed mesh stays closed, and the pieces of any mesh stay apart and keep their holes, if need be with more faces.
-    Borders stay where they are, unless that keeps too many faces. Where the surface moves by more than `FARTHEST`, it
-    keeps twice as many faces, and so on."""
+    Borders stay where they are, unless that keeps too many faces. Where the surface moves by more than `MAX_DEVIATION`,
+    it keeps twice as many faces, and so on: where many faces share an edge, the collapse leaves spikes and holes (4,000
+    faces of a vase of half a metre reached 9 m out)."""
     while len(faces) > count:
         level = collapsed(vertices, faces, count)
-        if len(level[1]) and _distance((vertices, faces), level) <= FARTHEST:
+        if len(level[1]) and hausdorff(Surface(vertices, faces), Surface(*level)) <= MAX_DEVIATION:
             return level
         count = 2 * max(count, len(level[1]))  # asked for fewer than are left, it would leave as many again
     return vertices, faces
@@ -39,12 +37,6 @@ def collapsed(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.n
         looser = _collapsed(vertices, faces, count, False)
         level = min(level, looser, key=lambda mesh: len(mesh[1]))
     return (vertices, faces) if closed and not topology.is_closed(level[1]) else level
-
-
-def _distance(*meshes: tuple[np.ndarray, np.ndarray]) -> float:
-    """The largest distance of two meshes, found at the vertices and the middles of faces of each. m"""
-    places = [np.concatenate([vertices[np.unique(faces)], vertices[faces].mean(axis=1)]) for vertices, faces in meshes]
-    return max(Surface(*mesh).closest(at)[0].max() for mesh, at in zip(meshes, reversed(places), strict=True))
 
 
 def _collapsed(

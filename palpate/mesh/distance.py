@@ -18,3 +18,13 @@ class Surface:
         points = np.ascontiguousarray(points)
         squared, _, nearest = self.tree.squared_distance(self.vertices, self.faces, points)
         return np.sqrt(squared), nearest
+
+
+def hausdorff(one: Surface, other: Surface) -> float:
+    """Hausdorff distance of two surfaces, found at the vertices and the middles of faces of each, m."""
+    return max(_farthest(one, other), _farthest(other, one))
+
+
+def _farthest(one: Surface, other: Surface) -> float:
+    places = np.concatenate([one.vertices[np.unique(one.faces)], one.vertices[one.faces].mean(axis=1)])
+    return float(other.closest(places)[0].max())

@@ -5,7 +5,7 @@ import pymeshlab
 import pytest
 import trimesh
 
-from palpate.mesh.decimate import FARTHEST, collapsed, decimate
+from palpate.mesh.decimate import MAX_DEVIATION, collapsed, decimate
 from palpate.mesh.part import distinct
 
 ASKED = 800
@@ -41,10 +41,10 @@ def off(one, other):
 
 def test_a_surface_that_would_move_keeps_more_faces():
     source = sheets()
-    assert off(source, collapsed(*source, ASKED)) > 1.5 * FARTHEST
+    assert off(source, collapsed(*source, ASKED)) > 1.5 * MAX_DEVIATION
     level = decimate(*source, ASKED)
     assert ASKED < len(level[1]) < len(source[1])
-    assert max(off(source, level), off(level, source)) < 1.1 * FARTHEST
+    assert max(off(source, level), off(level, source)) < 1.1 * MAX_DEVIATION
 
 
 def test_another_keeps_what_was_asked_for():
@@ -58,5 +58,5 @@ def test_another_keeps_what_was_asked_for():
 @pytest.mark.parametrize("count", [4, 100])
 def test_in_the_end_it_stays_as_it_is(count, monkeypatch):
     source = sheets(3, 6)
-    monkeypatch.setattr("palpate.mesh.decimate.FARTHEST", -1.0)
+    monkeypatch.setattr("palpate.mesh.decimate.MAX_DEVIATION", -1.0)
     assert all(made is given for made, given in zip(decimate(*source, count), source, strict=True))

@@ -134,6 +134,7 @@ def build(folder: Path) -> None:
             mesh_folder = folder / "meshes" / batch / name
             mesh_folder.mkdir(parents=True)
             shape(name).export(mesh_folder / "visual.glb")
+            shape(name).export(mesh_folder / "collision.ply")
             record = {"source": {"scale": "diagonal"}, "scale": SCALE, "diagonal": DIAGONAL}
             (mesh_folder / "mesh.json").write_text(json.dumps(record))
         seal.write(folder / "meshes" / batch)
