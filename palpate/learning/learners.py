@@ -169,12 +169,9 @@ class ReconstructionLearner(Learner):
         train = data.of_split("train")
         validation_samples = spread(windows(data, experiment, "validation"), settings.validation_samples)
         batches = in_batches(validation_samples, settings.batch)
-        # With touches, batch by batch those of another number of grasps; and all again without, if the model can be.
-        if experiment.fewer_grasps:
-            counts = range(1, grasps_per_sample(data, experiment) + 1)
-            touched = [(part, counts[number % len(counts)]) for number, part in enumerate(batches)]
-            untouched = [(part, 0) for part in batches] if experiment.fewest_grasps == 0 else []
-            batches = [[sample._replace(touched=n) for sample in part] for part, n in touched + untouched]
+        if experiment.fewer_grasps:  # every object by the fewest, by one and by all
+            counts = sorted({experiment.fewest_grasps, 1, grasps_per_sample(data, experiment)})
+            batches = [[sample._replace(touched=n) for sample in part] for n in counts for part in batches]
         for split, number in {"train": len(train), "validation": len(validation_samples)}.items():
             if not number:
                 raise ExperimentDataError(f"{data.source}: no object of the {split} split: more objects are needed")
