@@ -53,7 +53,7 @@ def test_without_engines(run, tmp_path):
     found, printed = session(sys.executable, run, tmp_path, "--block", PYTHONPATH=str(ROOT))
     require_same(found["sums"], sums(run))
     require_outputs(tmp_path, run)
-    assert "not checked: on mesh, picture of mesh: pip install 'palpate[factory]'" in printed
+    assert "not checked: on mesh, collision mesh, picture of mesh: pip install 'palpate[factory]'" in printed
 
 
 def test_the_blocked_modules_are_those_of_the_extras():
