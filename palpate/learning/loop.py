@@ -1,4 +1,5 @@
-"""Training from start to end: it resumes where it was interrupted, and keeps the best model by validation."""
+"""Training from start to end: it resumes where it was interrupted, and keeps the last model where its
+rate falls to 0, the best by validation where it stays."""
 
 import csv
 import hashlib
@@ -36,7 +37,7 @@ Row = dict[str, Any]  # of `HISTORY`
 
 class Training:
     """A training in progress: its history, its steps, and its checkpoints.
-    folder: of the checkpoints. label: for progress. name: of the model in its run, which the best one states."""
+    folder: of the checkpoints. label: for progress. name: of the model in its run, which the kept one states."""
 
     def __init__(self, learner: Learner, fabric: Fabric, folder: Path, label: str, name: str | None = None):
         self.learner, self.fabric, self.folder, self.label, self.name = learner, fabric, folder, label, name
@@ -53,6 +54,12 @@ class Training:
     @property
     def best(self) -> Row:
         return min(self.history, key=lambda row: row["validation_loss"])
+
+    @property
+    def kept(self) -> Row:
+        """The evaluation whose model is kept. By a rate that falls to 0 the last step is what the others lead to; a few
+        validation objects choose worse (docs/evidence/trials.md)."""
+        return self.best if self.learner.settings.schedule == "constant" else self.history[-1]
 
     @property
     def done(self) -> int:  # steps that were made and evaluated
@@ -127,9 +134,9 @@ class Training:
         return float(self.learner.choose(total / count))
 
     def _save(self) -> None:
-        """Write the state, and the model if it is the best so far."""
+        """Write the state, and the model if it is the one to keep so far."""
         row, partial = self.history[-1], self.folder / f".partial-{LAST}"
-        if self.best is row and self.fabric.is_global_zero:
+        if self.kept is row and self.fabric.is_global_zero:
             reached = {"name": self.name, "step": row["step"], "validation_loss": row["validation_loss"]}
             stated = self.learner.stated() | reached
             checkpoints.save(self.folder / BEST, self.learner.kind, self.learner.model, stated)
@@ -177,9 +184,9 @@ def train(
     try:
         training.run()
     except Diverged as error:
-        best = f"; the best model so far is {checkpoints_folder / BEST}" if (checkpoints_folder / BEST).exists() else ""
+        kept = f"; the model so far is {checkpoints_folder / BEST}" if (checkpoints_folder / BEST).exists() else ""
         raise Diverged(
-            f"{label}: {error}{best}. Lower the rate or clip the gradient (config training.override), "
+            f"{label}: {error}{kept}. Lower the rate or clip the gradient (config training.override), "
             "or take precision 32-true, and train again"
         ) from None
     finally:
@@ -190,8 +197,8 @@ def train(
         "parameters": sum(weights.numel() for weights in learner.model.parameters()),
         "validated": sum(map(len, learner.validation_batches)),
         "steps": training.done,
-        "best_step": training.best["step"],
-        "validation_loss": training.best["validation_loss"],
+        "best_step": training.kept["step"],
+        "validation_loss": training.kept["validation_loss"],
         "seconds": training.history[-1]["seconds"],
         "machine": {**machine._asdict(), "found": name, "torch": torch.__version__},
         "identity": identity,

@@ -73,8 +73,8 @@ class Recipe:
     @classmethod
     def read(cls, recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> "Recipe":
         """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked. Raises ConfigError,
-        naming the keys, for an unknown recipe, a part without steps or epochs, what the schema does not allow, and as
-        `read_yaml`."""
+        naming the keys, for an unknown recipe, a part without steps or epochs, patience where the last step is kept,
+        what the schema does not allow, and as `read_yaml`."""
         known = read_yaml(recipes)
         check(known, schema, str(recipes))
         if name not in known:
@@ -93,6 +93,8 @@ class Recipe:
         for path, settings in sections.items():
             if settings["steps"] is None and settings["epochs"] is None:
                 raise ConfigError(f"recipe {name}: {path} needs steps or epochs")
+            if settings["patience"] and settings["schedule"] != "constant":
+                raise ConfigError(f"recipe {name}: {path} has patience, which needs schedule constant")
         return cls.from_row(recipe)
 
     def settings(self, experiment: Experiment) -> ReconstructionSettings:

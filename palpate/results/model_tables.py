@@ -227,7 +227,7 @@ def grasp_selection(
 @products.table(files=("trainings",), on_request=True)
 def tuning(points: Sequence[dict[str, Any]], trainings: Sequence[Mapping[str, Any]]) -> Frame:
     """The supplement's hyperparameters in every combination of the config's grid, for the model of occluded vision and
-    touch: the lowest validation loss (9000 x Chamfer distance), the best first.
+    touch: the validation loss (9000 x Chamfer distance), the lowest first.
 
     points: of `palpate.learning.recipes.tuning_grid`; trainings: the `training.json` of each.
     """
@@ -238,7 +238,7 @@ def tuning(points: Sequence[dict[str, Any]], trainings: Sequence[Mapping[str, An
     table = Frame(sorted(rows, key=lambda row: row["validation_loss"]))
     machines = ", ".join(sorted({training["machine"]["found"] for training in trainings}))
     validated = trainings[0]["validated"]
-    table.attrs["note"] = f"Validation loss of {validated} samples, the best of all evaluations; on {machines}."
+    table.attrs["note"] = f"Validation loss of {validated} samples, of the model that is kept; on {machines}."
     return table
 
 

@@ -250,7 +250,7 @@ def _trainings(folder: Path) -> Table:
         name, loss = path.parent.relative_to(folder / "models").as_posix(), training["validation_loss"]
         cells = Cell("", curve=_curve(history)), Cell(f"{loss:.3f}", loss), training["best_step"], training["steps"]
         rows.append([name, *cells, Cell(duration(seconds), seconds)])
-    return _table(("model", "loss", "best on validation", "at step", "steps", "time"), rows)
+    return _table(("model", "loss", "on validation", "at step", "steps", "time"), rows)
 
 
 def _curve(history: Any) -> list[str]:

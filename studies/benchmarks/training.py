@@ -8,9 +8,10 @@ Each variant of `VARIANTS` (default: all), or one given as YAML, changes some ke
 first. Then it trains for as many steps as fit in the seconds of processor time on one core, or for --steps; the
 schedule ends with the last. The run's stores must exist.
 
-The last columns say how smooth the best model's meshes are (`palpate.learning.surface_quality`), the mean over the
-validation windows. With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a
-larger run of the same config. Losses are on 2,500 points and --windows windows of each object, at the best evaluation.
+The last columns say how smooth the meshes of the model that is kept are (`palpate.learning.surface_quality`), the mean
+over the validation windows. With few objects the validation loss is inaccurate: --validate-on uses the validation
+objects of a larger run of the same config. Losses are on 2,500 points and --windows windows of each object, at
+the best evaluation and at the last.
 """
 
 import argparse
@@ -120,9 +121,10 @@ def main() -> None:
             summary = train(learner, f"{folder}/model", f"{folder}/checkpoints", Machine("cpu"), name)
             rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
             smooth = smoothness(load(f"{folder}/model/best.ckpt"), data, experiment, args.windows)
-        losses = summary["validation_loss"], rows["validation_loss"][-1], rows["train_loss"][-1]
+        at_best = rows[np.argmin(rows["validation_loss"])]
+        losses = at_best["validation_loss"], rows["validation_loss"][-1], rows["train_loss"][-1]
         best, last, of_training = (f"{loss:.2f}" for loss in losses)
-        cells = [name, f"{summary['parameters']:,}", f"{1e3 * seconds:.0f}", steps, best, summary["best_step"], last]
+        cells = [name, f"{summary['parameters']:,}", f"{1e3 * seconds:.0f}", steps, best, int(at_best["step"]), last]
         cells += [of_training, *(f"{quality:.1f}" for quality in smooth)]
         print(f"| {' | '.join(map(str, cells))} |", flush=True)
 

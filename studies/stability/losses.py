@@ -144,7 +144,7 @@ def short_training(
     step: int | None = None,
     **settings: Any,
 ) -> tuple[dict[str, Any], list[float], Tensor]:
-    """A short training: its summary, its validation losses, and its best weights in one vector."""
+    """A short training: its summary, its validation losses, and the weights it keeps in one vector."""
     learner = PerturbedLearner(small_data(subject), replace(SETTINGS, **settings), change, step)
     summary = train(learner, folder / "model", folder / "work", Machine("cpu"), "trust")
     with (folder / "model/history.csv").open(newline="") as file:
@@ -244,7 +244,7 @@ def infinite_gradient(losses: Tensor) -> Tensor:
 
 @CASES.case("a step whose loss or gradient is not finite", "training")
 def diverging(subject: Subject) -> Iterator[Finding]:
-    """Training stops before a weight changes, and names the sample; the best model so far is kept."""
+    """Training stops before a weight changes, and names the sample; the model so far is kept."""
     # Step 7 is the last before a validation. Clipping would turn an infinite gradient into NaN.
     changes = {
         "NaN loss": (lambda losses: losses * torch.nan, 6, 1.0),
@@ -252,7 +252,7 @@ def diverging(subject: Subject) -> Iterator[Finding]:
         "infinite gradient before a validation, not clipped": (infinite_gradient, 7, None),
     }
     for what, (change, step, clip) in changes.items():
-        named = rf"(loss|gradient) is NaN or infinite.*step {step}.*{subject.name}.*best model so far is"
+        named = rf"(loss|gradient) is NaN or infinite.*step {step}.*{subject.name}.*the model so far is"
         with TemporaryDirectory() as name:
             folder = Path(name)
             run = partial(short_training, folder, subject, change, step, clip=clip)

@@ -1,4 +1,4 @@
-"""Training as a whole, on a few ellipsoids: it resumes to the same bytes, and keeps the best."""
+"""Training as a whole, on a few ellipsoids: it resumes to the same bytes, and keeps the last model or the best."""
 
 import csv
 import json
@@ -53,9 +53,8 @@ def test_outputs(trained):
     assert [row["step"] for row in rows] == [2, 4, 6, 8]
     assert list(rows[0]) == ["step", "seconds", "train_loss", "validation_loss", "rate"]
     assert all(0 < a["seconds"] <= b["seconds"] for a, b in zip(rows, rows[1:], strict=False))
-    best = min(rows, key=lambda row: row["validation_loss"])
-    assert (said["best_step"], said["validation_loss"]) == (best["step"], best["validation_loss"])
-    assert json.loads((folder / "model/training.json").read_text())["validation_loss"] == best["validation_loss"]
+    assert (said["best_step"], said["validation_loss"]) == (8, rows[-1]["validation_loss"])
+    assert json.loads((folder / "model/training.json").read_text()) == said
     assert not model.training and not (folder / "checkpoints").exists()
     assert said["validated"] == 2 * 3  # objects of the split, windows of each
 
@@ -158,23 +157,32 @@ def losses_of(monkeypatch, values):
 
 def test_patience(tmp_path, monkeypatch):
     losses_of(monkeypatch, [5.0, 4.0, 4.5, 4.0, 3.0, 3.5, 9.0, 1.0])
-    said, _ = run(tmp_path, steps=16, patience=2)
+    said, _ = run(tmp_path, steps=16, patience=2, schedule="constant")
     assert [row["validation_loss"] for row in history(tmp_path)] == [5.0, 4.0, 4.5, 4.0]
     assert (said["best_step"], said["validation_loss"], said["steps"]) == (4, 4.0, 8)
 
 
 def test_patience_goes_on_counting_after_an_interruption(tmp_path, monkeypatch):
     losses_of(monkeypatch, [5.0, 4.0, 4.5])
-    interrupted(tmp_path, monkeypatch, 6, steps=16, patience=2)
+    settings = {"steps": 16, "patience": 2, "schedule": "constant"}
+    interrupted(tmp_path, monkeypatch, 6, **settings)
     losses_of(monkeypatch, [4.0, 1.0])
-    said, _ = run(tmp_path, steps=16, patience=2)
+    said, _ = run(tmp_path, **settings)
     assert [row["validation_loss"] for row in history(tmp_path)] == [5.0, 4.0, 4.5, 4.0]
     assert (said["best_step"], said["steps"]) == (4, 8)
 
 
-def test_the_best_is_kept_not_the_last(tmp_path, monkeypatch):
+def test_by_a_rate_that_falls_the_last_is_kept(trained, tmp_path, monkeypatch):
     losses_of(monkeypatch, [5.0, 4.0, 4.5, 6.0])
     said, _ = run(tmp_path)
+    held = torch.load(tmp_path / "model/best.ckpt", weights_only=True)
+    assert (held["step"], held["validation_loss"], said["best_step"]) == (8, 6.0, 8)
+    assert same(weights(tmp_path), weights(trained[0]))
+
+
+def test_by_a_constant_rate_the_best_is_kept(tmp_path, monkeypatch):
+    losses_of(monkeypatch, [5.0, 4.0, 4.5, 6.0])
+    said, _ = run(tmp_path, schedule="constant")
     held = torch.load(tmp_path / "model/best.ckpt", weights_only=True)
     assert (held["step"], held["validation_loss"], said["steps"]) == (4, 4.0, 8)
     monkeypatch.undo()

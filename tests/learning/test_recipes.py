@@ -117,6 +117,8 @@ def test_modality_then_strategy():
         ),
         ({"reconstruction": {"steps": None, "epochs": None}}, "reconstruction needs steps or epochs"),
         ({"modalities": {"touch": {"steps": None}}}, "modalities.touch needs steps or epochs"),
+        ({"touch_depth": {"patience": 5}}, "touch_depth has patience, which needs schedule constant"),
+        ({"strategies": {"sphere": {"patience": 5}}}, "strategies.sphere has patience"),
     ],
 )
 def test_each_mistake_is_one_clear_line(override, said):

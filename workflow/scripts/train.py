@@ -1,8 +1,8 @@
 """One model: of an experiment, of a point of the grid of hyperparameters, or the U-Net from readings to depth.
 
-<folder>/best.ckpt        the weights with the lowest validation loss, and their settings
+<folder>/best.ckpt        the last weights, or by a constant rate those with the lowest validation loss; their settings
 <folder>/history.csv      step, seconds, train_loss, validation_loss, rate: losses 9000 x Chamfer, m^2
-<folder>/training.json    experiment, architecture, settings, steps, best step and loss, seconds, machine
+<folder>/training.json    experiment, architecture, settings, steps, step and loss of best.ckpt, seconds, machine
 
 The folder is models/<experiment>/seed-<k>, tuning/rate~<r>/cnn_layers~<c>/gcn_layers~<g>/width~<w>, or
 models/touch_depth. Work in progress is in checkpoints/<the same>, so that an interrupted training resumes.
