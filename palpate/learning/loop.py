@@ -83,10 +83,10 @@ class Training:
                 now = time.perf_counter()
                 if now - logged >= max(LOG_EVERY, LOG_SHARE * (now - start)) or step + 1 == learner.steps:
                     logged, reached = now, f"step {step + 1} of {learner.steps}"
-                    rate, loss, best = (step + 1 - began_at) / (now - start), float(torch.stack(losses).mean()), ""
+                    rate, loss, kept = (step + 1 - began_at) / (now - start), float(torch.stack(losses).mean()), ""
                     if self.history:
-                        best = f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
-                    log.info("%s: %s, %.2f a second, loss %.3f%s", self.label, reached, rate, loss, best)
+                        kept = f", validation {self.kept['validation_loss']:.3f} at step {self.kept['step']}"
+                    log.info("%s: %s, %.2f a second, loss %.3f%s", self.label, reached, rate, loss, kept)
             gradients = [weights.grad for weights in learner.model.parameters() if weights.grad is not None]
             idle = sum(int((each == 0).sum()) for each in gradients) / sum(each.numel() for each in gradients)
             if idle > MOST_IDLE:
