@@ -1,7 +1,6 @@
 """Templates: fitted charts of training objects, interpolated by kriging to a shape that a reconstruction begins with.
 See Uy et al. 2021, "Joint learning of 3D shape retrieval and deformation", of CAD models."""
 
-import itertools
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
@@ -22,8 +21,7 @@ SILHOUETTE, TOUCH = ("mask", "hand", "camera_number"), ("success", "charts")  # 
 NEIGHBOURS, TOUCH_NEIGHBOURS = 128, 32  # templates that a start is interpolated from; without an image
 TOUCH_SCALE = 100.0  # m^-2, in the covariance's exponent, of the mean squared difference of touched points' distances
 NUGGET = 0.02  # of the covariance: what differs between objects that feel alike
-# Of silhouettes: scales of their intersection over union in the exponent, and nuggets, to choose among
-SCALES, NUGGETS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0), (0.003, 0.01, 0.02, 0.05, 0.1)
+KERNEL = 0.5, 0.003  # of silhouettes: scale of their intersection over union in the exponent, and nugget
 # Of how well the best template fits a sample, to choose among: with less than this a sample begins as a sphere
 LEAST_FITS = torch.cat([torch.linspace(0, 1, 21, dtype=torch.float64), torch.tensor([2.0])])
 NOISE = 0.01  # m, of a touched point's distance to the surface
@@ -36,8 +34,8 @@ class Templates(nn.Module):
     """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best,
     `conditioned` by the touched points and bent to them. shapes: (T, 1154, 3) m, fits of `sphere()` to the objects
     (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64) uint8, as k cameras see them, by `shrunk`; None without vision.
-    kernel: (2,) float64, of silhouettes: scale and nugget; None: `likely_kernel`. least_fit: (2,) float64, of `fit`:
-    without touched points, and with."""
+    kernel: (2,) float64, of a model with masks that was trained with another than `KERNEL`. least_fit: (2,) float64, of
+    `fit`: without touched points, and with."""
 
     masks: Tensor | None
     kernel: Tensor | None
@@ -47,7 +45,7 @@ class Templates(nn.Module):
         self.shapes = nn.Buffer(shapes)
         self.register_buffer("masks", masks)
         if kernel is None and masks is not None:
-            kernel = likely_kernel(shapes, masks[:, 0])
+            kernel = torch.tensor(KERNEL, dtype=torch.float64)
         self.register_buffer("kernel", kernel)
         self.least_fit = nn.Buffer(LEAST_FITS[[0, 0]])  # a training chooses it
 
@@ -127,24 +125,6 @@ def alike(masks: Tensor) -> Tensor:
     """The intersections over union (n, n) float64 of masks (n, p), shares of pixels."""
     both, areas = masks @ masks.T, masks.sum(dim=1)
     return (both / (areas[:, None] + areas - both).clamp(min=1)).double()
-
-
-def likely_kernel(shapes: Tensor, masks: Tensor) -> Tensor:
-    """The scale and the nugget, (2,) float64 of `SCALES` and `NUGGETS`, by which shapes (T, V, 3) are most probable.
-    masks: (T, p, p) uint8, their silhouettes. The likelihood is of what does not depend on the mean (restricted:
-    Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are unequal"), every coordinate
-    has the same variance, and that is the most probable one."""
-    values, overlap = shapes.flatten(1).double(), alike(masks.flatten(1) / 255)
-    one = torch.ones(len(shapes), 1).double()
-    kernels = [torch.tensor(kernel, dtype=torch.float64) for kernel in itertools.product(SCALES, NUGGETS)]
-    products, unlikely = values @ values.T, []
-    for scale, nugget in kernels if len(shapes) > 1 else ():
-        factor = torch.linalg.cholesky(torch.exp(scale * (overlap - 1)) + nugget * torch.eye(len(shapes)).double())
-        inverse = torch.cholesky_inverse(factor)
-        by_one, total = inverse @ one, inverse.sum()
-        squares = (products * (inverse - by_one @ by_one.T / total)).sum()
-        unlikely.append(2 * factor.diagonal().log().sum() + total.log() + (len(shapes) - 1) * squares.log())
-    return kernels[int(torch.stack(unlikely).argmin())] if unlikely else kernels[0]
 
 
 def kriged(vertices: Tensor, covariance: Tensor, nugget: float = NUGGET) -> tuple[Tensor, Tensor, Tensor]:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from scipy.stats import multivariate_normal
 
 from palpate.architectures import Architecture
 from palpate.charts import sample_faces, sphere, vision_atlas
@@ -18,14 +17,10 @@ from palpate.models.templates import (
     MASK,
     NOISE,
     NUGGET,
-    NUGGETS,
     POINTS,
-    SCALES,
     Templates,
-    alike,
     conditioned,
     kriged,
-    likely_kernel,
     shrunk,
     smoothed,
 )
@@ -130,35 +125,6 @@ def test_without_a_nugget_an_object_is_found_again():
     shape, off, factor = kriged(vertices, known[numbers][:, numbers], nugget=1e-9)
     assert torch.allclose(shape, vertices[3], atol=1e-6)
     assert torch.linalg.solve(factor, off.flatten(1)).abs().max() < 1e-4
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_kernel_is_the_one_of_the_highest_likelihood(seed):
-    """By scipy's density of differences from the mean, at the most probable variance of all coordinates."""
-    model, masks = templates(seed=seed)
-    flat = model.shapes.flatten(1).double().numpy()
-    pixels = (model.masks[:, 0].flatten(1).double() / 255).numpy()
-    both = pixels @ pixels.T
-    overlap = both / (pixels.sum(axis=1)[:, None] + pixels.sum(axis=1) - both)
-    directions, likely = np.linalg.svd(np.ones((1, COUNT)))[2][1:], {}  # which the mean is not along
-    apart = directions @ flat
-    for scale in SCALES:
-        for nugget in NUGGETS:
-            covariance = directions @ (np.exp(scale * (overlap - 1)) + nugget * np.eye(COUNT)) @ directions.T
-            variance = (apart * np.linalg.solve(covariance, apart)).sum() / apart.size
-            density = multivariate_normal(np.zeros(COUNT - 1), variance * covariance)
-            likely[scale, nugget] = density.logpdf(apart.T).sum()
-    assert tuple(likely_kernel(model.shapes, model.masks[:, 0]).tolist()) == max(likely, key=likely.get)
-    assert Templates(model.shapes, model.masks).kernel.tolist() == list(max(likely, key=likely.get))
-
-
-def test_a_kernel_that_shapes_were_drawn_with_is_found_again():
-    random = np.random.default_rng(0)
-    masks = torch.from_numpy((random.random((120, 1, 8, 8)) < random.random((120, 1, 1, 1))).astype(np.uint8) * 255)
-    pixels = masks.flatten(1) / 255
-    covariance = np.exp(0.5 * (alike(pixels).numpy() - 1)) + 0.02 * np.eye(120)
-    shapes = np.linalg.cholesky(covariance) @ random.standard_normal((120, 3000))
-    assert likely_kernel(torch.from_numpy(shapes).unflatten(1, (1000, 3)), masks[:, 0]).tolist() == [0.5, 0.02]
 
 
 @pytest.mark.parametrize(("number", "rounds"), [(4, 1), (4, 3), (5, 3), (7, 3)])
