@@ -34,7 +34,7 @@ class Templates(nn.Module):
     """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best,
     `conditioned` by the touched points and bent to them. shapes: (T, 1154, 3) m, fits of `sphere()` to the objects
     (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64) uint8, as k cameras see them, by `shrunk`; None without vision.
-    kernel: (2,) float64, of a model with masks that was trained with another than `KERNEL`. least_fit: (2,) float64, of
+    kernel: (2,) float64, as `KERNEL`, which None means: a trained model keeps its own. least_fit: (2,) float64, of
     `fit`: without touched points, and with."""
 
     masks: Tensor | None
