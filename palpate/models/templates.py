@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from palpate.charts import sample_faces, sphere, vision_atlas
+from palpate.charts import chamfer_distance, sample_faces, sphere, vision_atlas
 from palpate.charts.graph import mesh_edges
 from palpate.experiments import Correction
 from palpate.models.kriging import displaced, nearest_on_faces, touched_points
@@ -21,7 +21,8 @@ SILHOUETTE, TOUCH = ("mask", "hand", "camera_number"), ("success", "charts")  # 
 NEIGHBOURS, TOUCH_NEIGHBOURS = 128, 32  # templates that a start is interpolated from; without an image
 TOUCH_SCALE = 100.0  # m^-2, in the covariance's exponent, of the mean squared difference of touched points' distances
 NUGGET = 0.02  # of the covariance: what differs between objects that feel alike
-KERNEL = 0.5, 0.003  # of silhouettes: scale of their intersection over union in the exponent, and nugget
+SCALES, SILHOUETTE_NUGGET = (0.125, 0.5), 0.003  # of silhouettes' intersections over union in the exponent
+LEFT_OUT = 100  # objects, at most, by which a scale is chosen
 # Of how well the best template fits a sample, to choose among: with less than this a sample begins as a sphere
 LEAST_FITS = torch.cat([torch.linspace(0, 1, 21, dtype=torch.float64), torch.tensor([2.0])])
 NOISE = 0.01  # m, of a touched point's distance to the surface
@@ -34,8 +35,8 @@ class Templates(nn.Module):
     """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best,
     `conditioned` by the touched points and bent to them. shapes: (T, 1154, 3) m, fits of `sphere()` to the objects
     (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64) uint8, as k cameras see them, by `shrunk`; None without vision.
-    kernel: (2,) float64, as `KERNEL`, which None means: a trained model keeps its own. least_fit: (2,) float64, of
-    `fit`: without touched points, and with."""
+    kernel: (2,) float64, of silhouettes, scale and nugget; None: by `best_scale`. least_fit: (2,) float64, of `fit`:
+    without touched points, and with."""
 
     masks: Tensor | None
     kernel: Tensor | None
@@ -45,7 +46,7 @@ class Templates(nn.Module):
         self.shapes = nn.Buffer(shapes)
         self.register_buffer("masks", masks)
         if kernel is None and masks is not None:
-            kernel = torch.tensor(KERNEL, dtype=torch.float64)
+            kernel = torch.tensor([best_scale(shapes, masks[:, 0]), SILHOUETTE_NUGGET], dtype=torch.float64)
         self.register_buffer("kernel", kernel)
         self.least_fit = nn.Buffer(LEAST_FITS[[0, 0]])  # a training chooses it
 
@@ -125,6 +126,21 @@ def alike(masks: Tensor) -> Tensor:
     """The intersections over union (n, n) float64 of masks (n, p), shares of pixels."""
     both, areas = masks @ masks.T, masks.sum(dim=1)
     return (both / (areas[:, None] + areas - both).clamp(min=1)).double()
+
+
+def best_scale(shapes: Tensor, masks: Tensor) -> float:
+    """The one of `SCALES` by which shapes (T, V, 3), each interpolated from the others, have the least mean Chamfer
+    distance from themselves. masks: (T, p, p) uint8, their silhouettes."""
+    overlap, total = alike(masks.flatten(1) / 255), torch.zeros(len(SCALES))
+    for number in torch.linspace(0, len(shapes) - 1, min(len(shapes), LEFT_OUT)).long() if len(shapes) > 1 else ():
+        others = overlap[number].index_fill(0, number, -1).topk(min(NEIGHBOURS, len(shapes) - 1)).indices
+        chosen = torch.cat([number[None], others])
+        exponent = overlap[chosen][:, chosen] - 1
+        starts = [kriged(shapes[others], (scale * exponent).exp(), SILHOUETTE_NUGGET)[0] for scale in SCALES]
+        random = torch.Generator().manual_seed(0)
+        clouds = sample_faces(torch.stack([shapes[number], *starts]), sphere()[1], POINTS, random)
+        total += chamfer_distance(clouds[1:], clouds[:1].expand(len(SCALES), -1, -1))
+    return SCALES[int(total.argmin())]
 
 
 def kriged(vertices: Tensor, covariance: Tensor, nugget: float = NUGGET) -> tuple[Tensor, Tensor, Tensor]:

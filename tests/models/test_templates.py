@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from scipy.spatial import KDTree
 
 from palpate.architectures import Architecture
 from palpate.charts import sample_faces, sphere, vision_atlas
@@ -18,7 +19,10 @@ from palpate.models.templates import (
     NOISE,
     NUGGET,
     POINTS,
+    SCALES,
+    SILHOUETTE_NUGGET,
     Templates,
+    best_scale,
     conditioned,
     kriged,
     shrunk,
@@ -62,11 +66,11 @@ def by_brute_force(model, masks, given, sample):
     return -200 * apart[0, 1:], np.exp(-100 * apart)
 
 
-def weights_of(covariance):
+def weights_of(covariance, nugget=NUGGET):
     """The weights (n,) of ordinary kriging and its variance, by its equations with a Lagrange multiplier."""
-    known, ones = covariance[1:, 1:] + NUGGET * np.eye(len(covariance) - 1), np.ones((len(covariance) - 1, 1))
+    known, ones = covariance[1:, 1:] + nugget * np.eye(len(covariance) - 1), np.ones((len(covariance) - 1, 1))
     solved = np.linalg.solve(np.block([[known, ones], [ones.T, 0]]), np.append(covariance[0, 1:], 1))
-    return solved[:-1], covariance[0, 0] + NUGGET - solved @ np.append(covariance[0, 1:], 1)
+    return solved[:-1], covariance[0, 0] + nugget - solved @ np.append(covariance[0, 1:], 1)
 
 
 TOUCH, VISION = ("success", "charts"), ("mask", "hand", "camera_number")
@@ -125,6 +129,37 @@ def test_without_a_nugget_an_object_is_found_again():
     shape, off, factor = kriged(vertices, known[numbers][:, numbers], nugget=1e-9)
     assert torch.allclose(shape, vertices[3], atol=1e-6)
     assert torch.linalg.solve(factor, off.flatten(1)).abs().max() < 1e-4
+
+
+def test_the_scale_is_the_one_that_finds_left_out_shapes_best(monkeypatch):
+    """By the equations of kriging, and distances of scipy between points of trimesh."""
+    monkeypatch.setattr(templates_module, "NEIGHBOURS", 12)
+    taken = []
+    for seed in range(2):
+        model = templates(seed=seed)[0]
+        shapes, masks = model.shapes.double().numpy(), model.masks[:, 0].flatten(1).double().numpy() / 255
+        both, areas = masks @ masks.T, masks.sum(axis=1)
+        alike = both / (areas[:, None] + areas - both)
+        clouds = [trimesh.sample.sample_surface(trimesh.Trimesh(each, sphere()[1]), 6000, seed=0)[0] for each in shapes]
+        errors = dict.fromkeys(SCALES, 0.0)
+        for number, cloud in enumerate(clouds):
+            order = [other for other in np.argsort(-alike[number], kind="stable") if other != number][:12]
+            rows = np.ix_([number, *order], [number, *order])
+            for scale in SCALES:
+                weights, _ = weights_of(np.exp(scale * (alike[rows] - 1)), SILHOUETTE_NUGGET)
+                found = trimesh.Trimesh(np.einsum("n,nvi->vi", weights, shapes[order]), sphere()[1])
+                points = trimesh.sample.sample_surface(found, 6000, seed=1)[0]
+                for one, other in ((points, cloud), (cloud, points)):
+                    errors[scale] += (KDTree(one).query(other)[0] ** 2).mean()
+        taken.append(min(errors, key=errors.get))
+        assert best_scale(model.shapes, model.masks[:, 0]) == taken[-1]
+        assert Templates(model.shapes, model.masks).kernel.tolist() == [taken[-1], SILHOUETTE_NUGGET]
+    assert {*taken} == {*SCALES}
+
+
+def test_a_single_template_has_a_scale():
+    model = templates()[0]
+    assert best_scale(model.shapes[:1], model.masks[:1, 0]) in SCALES
 
 
 @pytest.mark.parametrize(("number", "rounds"), [(4, 1), (4, 3), (5, 3), (7, 3)])
