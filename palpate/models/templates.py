@@ -22,7 +22,7 @@ NEIGHBOURS, TOUCH_NEIGHBOURS = 128, 32  # templates that a start is interpolated
 TOUCH_SCALE = 100.0  # m^-2, in the covariance's exponent, of the mean squared difference of touched points' distances
 NUGGET = 0.02  # of the covariance: what differs between objects that feel alike
 SCALES, SILHOUETTE_NUGGET = (0.125, 0.5), 0.003  # of silhouettes' intersections over union in the exponent
-LEFT_OUT = 100  # objects, at most, by which a scale is chosen
+LEFT_OUT = 400  # objects, at most, by which a scale is chosen
 # Of how well the best template fits a sample, to choose among: with less than this a sample begins as a sphere
 LEAST_FITS = torch.cat([torch.linspace(0, 1, 21, dtype=torch.float64), torch.tensor([2.0])])
 NOISE = 0.01  # m, of a touched point's distance to the surface
