@@ -21,8 +21,9 @@ SILHOUETTE, TOUCH = ("mask", "hand", "camera_number"), ("success", "charts")  # 
 NEIGHBOURS, TOUCH_NEIGHBOURS = 128, 32  # templates that a start is interpolated from; without an image
 TOUCH_SCALE = 100.0  # m^-2, in the covariance's exponent, of the mean squared difference of touched points' distances
 NUGGET = 0.02  # of the covariance: what differs between objects that feel alike
-SCALES, SILHOUETTE_NUGGET = (0.125, 0.5), 0.003  # of silhouettes' intersections over union in the exponent
-LEFT_OUT = 400  # objects, at most, by which a scale is chosen
+SCALES = 0.125, 0.5  # of silhouettes' intersection over union, in the covariance's exponent, to choose between
+SILHOUETTE_NUGGET = 0.003
+LEFT_OUT = 400  # templates, at most, that a scale is chosen by
 # Of how well the best template fits a sample, to choose among: with less than this a sample begins as a sphere
 LEAST_FITS = torch.cat([torch.linspace(0, 1, 21, dtype=torch.float64), torch.tensor([2.0])])
 NOISE = 0.01  # m, of a touched point's distance to the surface
@@ -130,9 +131,11 @@ def alike(masks: Tensor) -> Tensor:
 
 def best_scale(shapes: Tensor, masks: Tensor) -> float:
     """The one of `SCALES` by which shapes (T, V, 3), each interpolated from the others, have the least mean Chamfer
-    distance from themselves. masks: (T, p, p) uint8, their silhouettes."""
+    distance from the shape itself; of a single shape the first. masks: (T, p, p) uint8, their silhouettes."""
+    if len(shapes) == 1:
+        return SCALES[0]
     overlap, total = alike(masks.flatten(1) / 255), torch.zeros(len(SCALES))
-    for number in torch.linspace(0, len(shapes) - 1, min(len(shapes), LEFT_OUT)).long() if len(shapes) > 1 else ():
+    for number in torch.linspace(0, len(shapes) - 1, min(len(shapes), LEFT_OUT)).long():
         others = overlap[number].index_fill(0, number, -1).topk(min(NEIGHBOURS, len(shapes) - 1)).indices
         chosen = torch.cat([number[None], others])
         exponent = overlap[chosen][:, chosen] - 1
