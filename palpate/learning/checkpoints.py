@@ -116,7 +116,7 @@ def model_of(
 
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
-        arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks", "kernel"))
+        arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks", "scales"))
         described = sharing or experiment_of(content)
         templates = Templates(*arrays) if described.plan.start == "templates" else None
         model = build(described, architecture, *_sensor_of(content), templates)

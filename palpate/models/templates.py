@@ -21,7 +21,7 @@ SILHOUETTE, TOUCH = ("mask", "hand", "camera_number"), ("success", "charts")  # 
 NEIGHBOURS, TOUCH_NEIGHBOURS = 128, 32  # templates that a start is interpolated from; without an image
 TOUCH_SCALE = 100.0  # m^-2, in the covariance's exponent, of the mean squared difference of touched points' distances
 NUGGET = 0.02  # of the covariance: what differs between objects that feel alike
-SCALES = 0.125, 0.5  # of silhouettes' intersection over union, in the covariance's exponent, to choose between
+SCALES = 0.125, 0.5  # of silhouettes' intersection over union, in the covariance's exponent; beside touches the first
 SILHOUETTE_NUGGET = 0.003
 LEFT_OUT = 400  # templates, at most, that a scale is chosen by
 # Of how well the best template fits a sample, to choose among: with less than this a sample begins as a sphere
@@ -36,19 +36,19 @@ class Templates(nn.Module):
     """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best,
     `conditioned` by the touched points and bent to them. shapes: (T, 1154, 3) m, fits of `sphere()` to the objects
     (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64) uint8, as k cameras see them, by `shrunk`; None without vision.
-    kernel: (2,) float64, of silhouettes, scale and nugget; None: by `best_scale`. least_fit: (2,) float64, of `fit`:
-    without touched points, and with."""
+    scales: (2,) float64, of silhouettes, without touched points and with; None: by `best_scale`. least_fit: (2,)
+    float64, of `fit`, the same."""
 
     masks: Tensor | None
-    kernel: Tensor | None
+    scales: Tensor | None
 
-    def __init__(self, shapes: Tensor, masks: Tensor | None = None, kernel: Tensor | None = None):
+    def __init__(self, shapes: Tensor, masks: Tensor | None = None, scales: Tensor | None = None):
         super().__init__()
         self.shapes = nn.Buffer(shapes)
         self.register_buffer("masks", masks)
-        if kernel is None and masks is not None:
-            kernel = torch.tensor([best_scale(shapes, masks[:, 0]), SILHOUETTE_NUGGET], dtype=torch.float64)
-        self.register_buffer("kernel", kernel)
+        if scales is None and masks is not None:
+            scales = torch.tensor([best_scale(shapes, masks[:, 0]), SCALES[0]], dtype=torch.float64)
+        self.register_buffer("scales", scales)
         self.least_fit = nn.Buffer(LEAST_FITS[[0, 0]])  # a training chooses it
 
     @cached_property
@@ -72,8 +72,10 @@ class Templates(nn.Module):
                 allowed = fits[row] > EXCLUDED / 2
                 numbers = best[row, allowed] if allowed.any() else best[row]
                 sample = {key: searched[key][row] for key in SILHOUETTE if key in searched}
-                exponent = self._by_silhouette(numbers, **sample) if sample else self._by_touch(numbers, points)
-                nugget = NUGGET if self.kernel is None else float(self.kernel[1])
+                if sample:
+                    exponent, nugget = self._by_silhouette(numbers, len(points) > 0, **sample), SILHOUETTE_NUGGET
+                else:
+                    exponent, nugget = self._by_touch(numbers, points), NUGGET
                 start = conditioned(*kriged(self.shapes[numbers], exponent.exp(), nugget), points)
                 starts.append(displaced(start, sphere()[1], points, BENT))
         return torch.stack(starts)[:, vision_atlas().position].transpose(0, 1)
@@ -94,15 +96,15 @@ class Templates(nn.Module):
         return fits >= self.least_fit[is_touched(batch, len(fits)).long()]
 
     def _by_silhouette(
-        self, numbers: Tensor, mask: Tensor, camera_number: Tensor, hand: Tensor | None = None
+        self, numbers: Tensor, touched: bool, mask: Tensor, camera_number: Tensor, hand: Tensor | None = None
     ) -> Tensor:
         """The logarithm (1 + n, 1 + n) of the covariance of a sample's shape, the first, and n templates, by the
         intersections over union of their silhouettes: positive definite (Bouchard et al. 2013)."""
-        assert self.masks is not None and self.kernel is not None  # of a strategy with vision
+        assert self.masks is not None and self.scales is not None  # of a strategy with vision
         masks = self.masks[numbers, camera_number].cpu() / 255
         seen = torch.cat([mask[None], masks if hand is None else masks * (1 - hand)]).flatten(1)
         seen = seen[:, seen.amax(dim=0) > 0]  # empty pixels add nothing
-        return float(self.kernel[0]) * (alike(seen) - 1)
+        return float(self.scales[int(touched)]) * (alike(seen) - 1)
 
     def _by_touch(self, numbers: Tensor, touched: Tensor) -> Tensor:
         """The same by the distances of touched points (m, 3) to the surfaces, which to the sample's are 0."""

@@ -5,7 +5,7 @@ import torch
 from palpate.camera import paper_camera
 from palpate.charts import sphere
 from palpate.mesh import OBJECT_POSITION
-from palpate.models.templates import MASK, NUGGET, Templates, shrunk
+from palpate.models.templates import MASK, Templates, shrunk
 
 SMALL = {
     "encoder": {
@@ -21,7 +21,7 @@ SMALL = {
     "last_layer_scale": 0.3,
 }
 COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK  # of templates; of cameras; pixels along an edge of silhouettes
-KERNEL = torch.tensor([2.0, NUGGET], dtype=torch.float64)
+TEST_SCALES = torch.tensor([2.0, 1.0], dtype=torch.float64)
 
 
 LEAST_FIT = 0.6  # some samples of a test fit as well, others not
@@ -37,7 +37,7 @@ def templates(vision=True, seed=0):
     rows, columns = torch.meshgrid(*[torch.linspace(0, 1, SIZE)] * 2, indexing="ij")
     away = (rows - 0.3 - 0.4 * middle[:, :, 0]).square() + (columns - 0.3 - 0.4 * middle[:, :, 1]).square()
     masks = away < (0.15 + 0.2 * radius[:, :, 0]).square()
-    made = Templates(vertices, shrunk(masks) if vision else None, KERNEL if vision else None)
+    made = Templates(vertices, shrunk(masks) if vision else None, TEST_SCALES if vision else None)
     made.least_fit.fill_(LEAST_FIT)
     return made, masks
 
