@@ -1,7 +1,6 @@
 """Training from start to end: it resumes where it was interrupted, and keeps the last model where its
 rate falls to 0, the best by validation where it stays."""
 
-import csv
 import hashlib
 import json
 import logging
@@ -20,7 +19,7 @@ from palpate.batch import progress
 from palpate.learning import checkpoints
 from palpate.learning.learners import Diverged, Learner
 from palpate.learning.machine import Machine
-from palpate.text_files import read_text
+from palpate.text_files import read_text, write_rows
 
 log = logging.getLogger(__name__)
 
@@ -219,7 +218,6 @@ def _prepare(checkpoints_folder: Path, identity: str) -> None:
         reason = "is of another config or other data, or stopped before its first evaluation"
         log.info("%s %s: begins anew", checkpoints_folder, reason)
         shutil.rmtree(checkpoints_folder)
-    checkpoints_folder.mkdir(parents=True)
     with atomic_write(marker, seal.NOTHING) as partial:
         partial.write_text(identity + "\n")
 
@@ -227,11 +225,7 @@ def _prepare(checkpoints_folder: Path, identity: str) -> None:
 def _write(
     folder: Path, checkpoints_folder: Path, history: list[Row], summary: dict[str, Any], made_from: seal.MadeFrom
 ) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomic_write(folder / "history.csv", made_from) as partial, open(partial, "w", newline="") as file:
-        writer = csv.DictWriter(file, HISTORY)
-        writer.writeheader()
-        writer.writerows(history)
+    write_rows(folder / "history.csv", HISTORY, ([row[name] for name in HISTORY] for row in history), made_from)
     with atomic_write(folder / "training.json", made_from) as partial:
         partial.write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n")
     checkpoints.require_intact(checkpoints_folder / BEST)
