@@ -64,16 +64,13 @@ def touched(reading: Tensor, empty: Tensor) -> Tensor:
     return (reading - empty).square().sum(dim=-3) > TOUCHED
 
 
-def depth_to_points(depth: Tensor, size: Size = DIGIT.size) -> Tensor:
-    """Depths (..., r, c) as points (..., r, c, 3) m, in a sensor's frame: y along columns, z along rows."""
+def masked_clouds(depth: Tensor, mask: Tensor, size: Size) -> list[Tensor]:
+    """The points (n_i, 3) m of each depth map (k, r, c) where its mask (k, r, c) is true, in the frame of its sensor: y
+    along columns, z along rows."""
     centres = [torch.from_numpy(line).to(depth) for line in map(pixel_centres, depth.shape[-2:], size)]
     z, y = torch.meshgrid(*centres, indexing="ij")
-    return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)
-
-
-def masked_clouds(depth: Tensor, mask: Tensor, size: Size) -> list[Tensor]:
-    """The points (n_i, 3) of each depth map (k, r, c) where its mask (k, r, c) is true, in the frame of its sensor."""
-    return [cloud[pixels] for cloud, pixels in zip(depth_to_points(depth, size), mask, strict=True)]
+    points = torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)
+    return [cloud[pixels] for cloud, pixels in zip(points, mask, strict=True)]
 
 
 def touch_depth_loss(

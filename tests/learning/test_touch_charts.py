@@ -14,7 +14,7 @@ from palpate.learning.loop import train
 from palpate.learning.machine import Machine
 from palpate.learning.recipes import TouchDepthSettings
 from palpate.learning.touch_charts import (
-    depth_to_points,
+    masked_clouds,
     predict_depth,
     read_touches,
     touch_charts,
@@ -22,6 +22,7 @@ from palpate.learning.touch_charts import (
     touched,
 )
 from palpate.models import TouchDepth
+from palpate.sensor import DIGIT
 from palpate.touch import SENSOR_RANGE, empty_reading, local_points, shade
 from palpate.touch.reading import PIXEL_CENTRES
 from tests.learning.test_data import ATTRIBUTES
@@ -184,7 +185,8 @@ def test_touched_is_the_supplements_threshold():
 
 def test_the_sheet_has_columns_along_y_and_rows_along_z():
     depth = torch.rand(100, 100, dtype=torch.float64)
-    points = depth_to_points(depth)
+    (points,) = masked_clouds(depth[None], torch.ones(1, 100, 100, dtype=torch.bool), DIGIT.size)
+    points = points.unflatten(0, (100, 100))
     for row, column in [(0, 0), (3, 97), (99, 12)]:
         expected = [float(depth[row, column]), PIXEL_CENTRES[column], PIXEL_CENTRES[row]]
         np.testing.assert_allclose(points[row, column], expected, rtol=1e-12)
