@@ -144,8 +144,6 @@ def radius_around(diagonal: float) -> float:
 
 def resized(vertices: Tensor, radius: float) -> Tensor:
     """A copy of vertices (n, 3) on the atlas's sphere, on the sphere of another radius (m) around the same centre."""
-    if radius == ATLAS_RADIUS:
-        return vertices.clone()
     centre = torch.tensor(OBJECT_POSITION, dtype=torch.float64)
     return (centre + (vertices.double() - centre) * (radius / ATLAS_RADIUS)).to(vertices.dtype)
 
