@@ -72,19 +72,13 @@ def share(folder: Path | str) -> None:
 def _wait_for_jobs(folder: Path, warn: Callable[[str], None]) -> None:
     """Wait until no job of an earlier run is left, which would write over what this run makes."""
     with open(folder / JOBS_LOCK, "a+") as file:
-        waits = False
-        while True:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except OSError as error:
-                if error.errno in UNSUPPORTED:
-                    break
-            if not waits:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno not in UNSUPPORTED:
                 jobs = [line for line in _text(file).splitlines() if not _has_ended(line)]
                 warn(f"{folder}: waiting for jobs of a run that was killed: {', '.join(jobs) or 'on another machine'}")
-                waits = True
-            time.sleep(0.2)
+                fcntl.flock(file, fcntl.LOCK_EX)
         file.truncate(0)
 
 
