@@ -31,7 +31,7 @@ class Mesh(NamedTuple):
 
 def triangles(kind: str, size: ArrayLike, vertices: ArrayLike = (), faces: ArrayLike = ()) -> Triangles:
     """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame; kind and size as in
-    `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a mesh; without faces its convex hull is drawn."""
+    `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a mesh."""
     size = np.asarray(size, dtype=float)
     if kind == "box":
         return rounded_box(size, bevel(size), EDGE_SEGMENTS)
@@ -44,13 +44,8 @@ def triangles(kind: str, size: ArrayLike, vertices: ArrayLike = (), faces: Array
         return unit * size, sides, normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if kind == "cylinder":
         return rounded_cylinder(size[0], size[1], bevel(size[:2]), 48, EDGE_SEGMENTS)
-    points, triples = np.asarray(vertices, dtype=float), np.asarray(faces)
-    if not len(triples):
-        from trimesh.convex import convex_hull
-
-        hull = convex_hull(points)
-        points, triples = hull.vertices, hull.faces
-    corners = points[triples]  # every face flat, with its own vertices
+    triples = np.asarray(faces)
+    corners = np.asarray(vertices, dtype=float)[triples]  # every face flat, with its own vertices
     towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
     return corners.reshape(-1, 3), np.arange(triples.size).reshape(-1, 3), np.repeat(towards, 3, axis=0)

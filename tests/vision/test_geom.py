@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.hand.hand import half_spaces, signed_distance
+from palpate.hand.hand import signed_distance
 from palpate.vision import geom
 
 # kind, size, volume of the closed form
@@ -38,15 +38,6 @@ def test_a_mesh_geom_is_drawn_as_it_is():
     vertices, faces, normals = geom.triangles("mesh", np.zeros(3), box.vertices, box.faces)
     assert np.array_equal(vertices[faces], box.triangles)
     assert np.allclose(normals[faces], box.face_normals[:, None])
-
-
-def test_a_mesh_geom_without_faces_is_drawn_as_its_convex_hull():
-    corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
-    vertices, faces, _ = geom.triangles("mesh", np.zeros(3), corners, np.zeros((0, 3), dtype=int))
-    drawn = trimesh.Trimesh(vertices, faces)
-    assert drawn.is_watertight and drawn.volume == pytest.approx(8)
-    inside = signed_distance("mesh", np.zeros(3), drawn.triangles_center, half_spaces(corners))
-    assert np.abs(inside).max() < 1e-9
 
 
 def test_bridges_join_boxes_that_touch_and_no_others():
