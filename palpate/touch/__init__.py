@@ -12,6 +12,6 @@ EXPORTS = {
         *("face_sensor", "local_points", "press_sensor", "press_sensors"),
         *("scene_tracer", "sense", "sense_scene", "shade_pressed", "warn_of_strain"),
     ],
-    "shading": ["DIFFUSE", "LIGHTS", "empty_reading", "impression", "normals", "shade"],
+    "shading": ["empty_reading", "impression", "normals", "shade"],
 }
 __all__, __getattr__ = lazy_exports(__name__, EXPORTS)

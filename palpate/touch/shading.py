@@ -11,9 +11,6 @@ import numpy as np
 
 from palpate.sensor import DIGIT, Sensor, Size
 
-# Of the default sensor: P_r, P_g, P_b (3, 3) as (y, z, height above the undeformed surface), metres; and lambda.
-LIGHTS, DIFFUSE = np.stack([place for place, *_ in DIGIT.lamps]), DIGIT.diffuse
-
 
 def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     """Impressions D' = ReLU(w - D), metres, 0 where nothing is in range (depth +inf); w: distance of the free gel."""

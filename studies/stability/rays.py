@@ -15,17 +15,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from palpate.mesh import load_visual
-from palpate.touch import (
-    DIFFUSE,
-    LIGHTS,
-    PIXEL_CENTRES,
-    RESOLUTION,
-    SENSOR_RANGE,
-    SENSOR_WIDTH,
-    RayCaster,
-    sense,
-    shade,
-)
+from palpate.sensor import DIGIT
+from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, RayCaster, sense, shade
 from studies.exact_depth import PIXELS, Y, Z, exact_depth
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 
@@ -228,10 +219,11 @@ def shade_in_double(depth: np.ndarray) -> np.ndarray:
     height = np.where(np.isfinite(depth), np.maximum(SENSOR_RANGE - depth.astype(np.float64), 0), 0)
     slope_z, slope_y = np.gradient(height, PIXEL_CENTRES[1] - PIXEL_CENTRES[0])
     normal = np.stack([-slope_y, -slope_z, np.ones_like(height)], axis=-1)
-    to_light = LIGHTS - np.stack([Y, Z, height], axis=-1)[:, :, None]
+    lights = np.stack([place for place, *_ in DIGIT.lamps])  # P_r, P_g, P_b: y, z, height above the undeformed surface
+    to_light = lights - np.stack([Y, Z, height], axis=-1)[:, :, None]
     cosine = np.einsum("rcx,rclx->rcl", normal, to_light)
     cosine /= np.linalg.norm(normal, axis=-1)[..., None] * np.linalg.norm(to_light, axis=-1)
-    return DIFFUSE * np.maximum(cosine, 0)
+    return DIGIT.diffuse * np.maximum(cosine, 0)
 
 
 @CASES.case("steep steps in the impression", "shading")
