@@ -14,7 +14,6 @@ from palpate.learning.machine import Machine
 from palpate.learning.touch_charts import touch_charts
 from palpate.sensor import Sensor
 
-log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
 device = Machine(snakemake.params.device).torch_device()
@@ -26,7 +25,7 @@ sensor = Sensor.from_description(stored.attributes["sensor"])
 require_sensor(None, model.sensor, None, sensor, snakemake.input.model)
 vertices = np.empty((*touch["success"].shape, TOUCH_VERTICES, 3), np.float32)
 for place, name in enumerate(names := touch["object"]):  # by themselves, so that charts do not depend on the batch
-    log.info("charts %d/%d: %s", place + 1, len(names), name)
+    logging.info("charts %d/%d: %s", place + 1, len(names), name)
     of_object = {key: touch[key][place] for key in ("reading", "success", "position", "rotation")}
     vertices[place] = touch_charts(model, empty=touch["empty_reading"], **of_object)
 model_seal = seal.read(snakemake.input.model)

@@ -16,7 +16,6 @@ from palpate.sensor import Sensor, read_background
 from workflow.run.kept_grasps import each_kept
 
 log_to(snakemake.log[0])
-log = logging.getLogger("frames")
 inputs, params = snakemake.input, snakemake.params
 seed, description, image = params.seed, params.sensor, inputs.background
 made_with = {"seed": seed, "frames": params.frames, "touch": {"sensor": description}}
@@ -39,7 +38,7 @@ def record(name: str, grasper: grasp.Grasper, kept: dict) -> dict:
         frames |= {"depth": depth, "success": np.isfinite(depth).any(axis=(-2, -1))}
         untraced = f"{(~near).sum()} of {near.size} sensors with no face near"
         omitted += f", {untraced}, all of {(~near.any(axis=2)).sum()} of {near[..., 0].size} frames"
-    log.info("%s: omitted: %s", name, omitted)
+    logging.info("%s: omitted: %s", name, omitted)
     return frames
 
 

@@ -16,7 +16,6 @@ from palpate.batch import each_object, generator
 from palpate.sensor import DIGIT
 
 log_to(snakemake.log[0])
-log = logging.getLogger("grasps")
 meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
 settings = dict(snakemake.params.grasps)
 mjcf_files = settings.pop("hand")
@@ -40,11 +39,11 @@ def close_hand(name: str) -> dict:
     options = {**settings, "sensor": sensor, "grasper_type": grasper_type}
     grasps_of_object = grasp.grasp_object(visual, collision, points[name], robot, draw, **options)
     omitted = ", ".join(f"{count:,} {what}" for what, count in grasps_of_object.omitted.items())
-    log.info("%s: omitted: %s", name, omitted)
+    logging.info("%s: omitted: %s", name, omitted)
     more = grasps_of_object.more
     if chosen["keep"] == "hold":
         tried, made, held = grasps_of_object.attempts, grasps_of_object.made, len(grasps_of_object.touches)
-        log.info("%s: %d attempts, %d grasps, of which %d hold", name, tried, made, held)
+        logging.info("%s: %d attempts, %d grasps, of which %d hold", name, tried, made, held)
         more["made"] = np.int32(made)
     arrays = vars(grasps_of_object) | more
     return {key: array for key, array in arrays.items() if snakemake.params.pressed or key != "pad_force"}

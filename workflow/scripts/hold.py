@@ -15,7 +15,6 @@ from palpate.sensor import DIGIT
 from workflow.run.kept_grasps import each_kept
 
 log_to(snakemake.log[0])
-log = logging.getLogger("hold")
 inputs, params = snakemake.input, snakemake.params
 seed, sensor, remedy = params.seed, replace(DIGIT, **params.sensor), rebuild_advice(inputs.grasps)
 made = seal.read(inputs.meshes), store.open(inputs.surface).seal, store.open(inputs.grasps).seal
@@ -24,7 +23,7 @@ held = {}
 for name, grasper, kept in each_kept(inputs, params, sensor):
     held[name] = outcome = grasp.hold_grasps(grasper, kept, generator(seed, name, "grasps"), remedy)
     unknown = (outcome["held_along"] < 0).sum()
-    log.info("%s: %d of %d grasps hold", name, (outcome["held"] == 1).sum(), len(outcome["held"]))
+    logging.info("%s: %d of %d grasps hold", name, (outcome["held"] == 1).sum(), len(outcome["held"]))
     if unknown:
-        log.warning("%s: the engine could not simulate %d of %d directions", name, unknown, outcome["moved"].size)
+        logging.warning("%s: the engine could not simulate %d of %d directions", name, unknown, outcome["moved"].size)
 store.write(snakemake.output.hold, "hold", store.join("hold", held), {"seed": seed, "made_from": made_from})

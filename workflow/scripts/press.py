@@ -15,7 +15,6 @@ from palpate.batch import each_object, generator
 from palpate.sensor import Sensor, read_background
 
 log_to(snakemake.log[0])
-log = logging.getLogger("press")
 meshes, params = Path(snakemake.input.meshes), snakemake.params
 seed, description, settings = params.seed, params.sensor, params.press
 surface = store.open(snakemake.input.surface)
@@ -32,7 +31,7 @@ def press(name: str) -> dict[str, np.ndarray]:
     for place in ("point", "position"):
         arrays[place] = arrays[place] + mesh.OBJECT_POSITION
     for reason, number in discarded.items():
-        log.info("%s: %d points without a press: %s", name, number, reason)
+        logging.info("%s: %d points without a press: %s", name, number, reason)
     touch.warn_of_strain(name, arrays["strain"])
     return arrays
 

@@ -13,13 +13,12 @@ import torch
 from palpate import seal, store
 from palpate.charts import fit_atlas
 
-log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
 surface, seed = store.open(snakemake.input.surface), snakemake.params.seed
 names, vertices = surface["object"], []
 for place, name in enumerate(names):
-    log.info("templates %d/%d: %s", place + 1, len(names), name)
+    logging.info("templates %d/%d: %s", place + 1, len(names), name)
     vertices.append(fit_atlas(torch.from_numpy(surface.get("points", place))).numpy())
 attributes = {"seed": seed, "made_from": seal.combine({}, surface.seal)}
 store.write(snakemake.output.templates, "templates", {"object": names, "vertices": np.stack(vertices)}, attributes)
