@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -64,7 +64,7 @@ def display(table: DataFrame) -> DataFrame:
             cells = zip(*(table.get(column, [math.nan] * len(table)) for column in columns), strict=True)
             shown[name] = [_number(table, name, *numbers) for numbers in cells]
         else:
-            shown[name] = [_text(value) for value in table[name]]
+            shown[name] = [MISSING if pd.isna(value) else str(value) for value in table[name]]
     return pd.DataFrame(shown, dtype=object)
 
 
@@ -77,12 +77,6 @@ def _tabulated(table: DataFrame, form: str, changed: Callable[[str], str]) -> st
     # Without rows tabulate has no columns to align.
     rows = cells.to_numpy().tolist() or [[""] * len(header)]
     return tabulate(rows, header, tablefmt=form, colalign=sides, disable_numparse=True)
-
-
-def _text(value: Any) -> str:
-    import pandas as pd
-
-    return MISSING if pd.isna(value) else str(value)
 
 
 def _number(table: DataFrame, name: str, *numbers: float) -> str:
