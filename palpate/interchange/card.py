@@ -76,12 +76,8 @@ def write_card(path: Path, contents: Contents, digests: Mapping[tuple[str, str],
     files = (row for table in tables for row in table if row["check"] == "files")
     checked = {(row["store"], row["batch"], row["where"]) for row in files}
     text = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-        dataset=dataset,
+        contents=contents,
         splits=list(SPLITS),
-        layout=layout.name,
-        licence=licence,
-        source=contents.source,
-        grasps=contents.grasps,
         header=yaml.safe_dump(header, sort_keys=False),
         version=__version__,
         number=number,
