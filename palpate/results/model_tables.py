@@ -66,15 +66,13 @@ def input_modalities(
     """Different input modalities: Chamfer distance (9000 times m²) of the paper's model and of ours on the test split,
     by class and on average; and the average on the validation split. Rows of other methods stand beside the paper's
     value of the same inputs."""
-    import pandas as pd
-
     table = _errors_by_class("input_modalities", evaluations, experiments, split, resamples)
     other = errors(evaluations, list(experiments), "validation")
-    columns = pd.DataFrame([error_columns("validation", other, name, resamples) for name in experiments])
+    rows = [error_columns("validation", other, name, resamples) for name in experiments]
     place = table.columns.get_loc("average_median") + 1
-    joined = pd.concat([table.iloc[:, :place], columns, table.iloc[:, place:]], axis=1)
-    joined.attrs = table.attrs
-    return joined
+    for number, column in enumerate(rows[0]):
+        table.insert(place + number, column, [row[column] for row in rows])
+    return table
 
 
 @products.table(evaluations="grasps")
