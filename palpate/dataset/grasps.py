@@ -63,8 +63,8 @@ class GraspDataset(Sequence):
     @staticmethod
     def _known() -> dict[str, tuple[str, ArraySpec]]:
         """Stage and contract of each array, by its name in an item."""
-        of_grasps, of_objects = arrays_by_name(of_grasps=True), arrays_by_name(of_grasps=False)
-        of_frames = arrays_by_name(of_grasps=True, of_frames=True) | {"reading": ("frames", FRAMES_READING)}
+        of_grasps, of_objects = arrays_by_name("grasp"), arrays_by_name("object")
+        of_frames = arrays_by_name("frame") | {"reading": ("frames", FRAMES_READING)}
         return {
             **of_grasps,
             **{f"frames_{name}": source for name, source in of_frames.items()},
@@ -79,7 +79,7 @@ class GraspDataset(Sequence):
     def dimensions(self, name: str) -> tuple[str, ...]:
         """Names of the axes of an array in an item."""
         spec = self.sources[name][1]
-        names = spec.dimensions[1 + (spec.of_grasps or spec.of_presses) :]
+        names = spec.dimensions[1 + (spec.row != "object") :]
         return tuple(axis for axis in names if axis != "camera" or self._camera is None)
 
     def __len__(self) -> int:
@@ -95,8 +95,8 @@ class GraspDataset(Sequence):
         item: dict[str, Any] = {"object": entry.object, "class": entry.class_name, "split": entry.split}
         item[self.unit] = grasp
         for name, (stage, spec) in self.sources.items():
-            place: tuple[int | slice, ...] = (grasp,) if spec.of_grasps or spec.of_presses else ()
-            place += (slice(None),) if spec.of_frames else ()
+            place: tuple[int | slice, ...] = () if spec.row == "object" else (grasp,)
+            place += (slice(None),) if spec.row == "frame" else ()
             if spec.of_cameras and self._camera is not None:
                 place += (self._camera,)
             item[name] = self._run.read(stage, spec.name, entry, place)
@@ -115,4 +115,4 @@ class PressDataset(GraspDataset):
 
     @staticmethod
     def _known() -> dict[str, tuple[str, ArraySpec]]:
-        return arrays_by_name(of_grasps=False, of_presses=True)
+        return arrays_by_name("press")

@@ -292,14 +292,14 @@ class Dataset(Sequence):
 class _Record:
     """Attributes that are the row of one object, or of one of its grasps, in the contract's arrays."""
 
-    of_grasps = of_frames = of_presses = False
+    row = ""  # what it is: an "object", a "grasp", a "frame" or a "press"
     index: tuple[int | slice, ...]  # within the object's row
     stage_of: dict[str, str] = {}  # by the names of the arrays
 
-    def __init_subclass__(cls, has_arrays: bool = True) -> None:
+    def __init_subclass__(cls) -> None:
         """Gives the class a property, with its shape, type and unit in `help()`, for each array of its rows."""
-        leading = 2 if cls.of_grasps or cls.of_presses else 1
-        arrays = arrays_by_name(cls.of_grasps, cls.of_frames, cls.of_presses) if has_arrays else {}
+        leading = 1 if cls.row == "object" else 2
+        arrays = arrays_by_name(cls.row) if cls.row else {}
         cls.stage_of = {name: stage for name, (stage, _) in arrays.items()}
         for name, (stage, spec) in arrays.items():
             if name not in vars(cls):
@@ -311,7 +311,7 @@ class _Record:
 
     def __init__(self, run: Run, entry: CatalogueEntry, *grasp: int, camera: int = 0):
         self._run, self._entry, self._grasp, self.camera_number = run, entry, grasp, camera
-        self.index = (*grasp, slice(None)) if self.of_frames else grasp
+        self.index = (*grasp, slice(None)) if self.row == "frame" else grasp
         self._values: dict[str, np.ndarray] = {}  # that were read
 
     @property
@@ -330,7 +330,7 @@ class _Record:
     @cached_property
     def sensor(self) -> Sensor:
         """The kind of touch sensor that its depths and readings are of."""
-        stage = "frames" if self.of_frames else "press" if self.of_presses else "touch"
+        stage = {"frame": "frames", "press": "press"}.get(self.row, "touch")
         return self._run.store(stage, self._entry.batch).sensor
 
     @cached_property
@@ -354,6 +354,8 @@ class ObjectRecord(_Record):
     array of the contract with one row an object. Shapes are in the symbols of docs/dataset.md. `normalised`: whether it
     has the one size of all, a diagonal of 0.5 m, and not its source's. Images, masks, depths and matrices are those of
     the scene's first camera; `seen_by(1)` gives the next one's."""
+
+    row = "object"
 
     def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
         super().__init__(run, entry, camera=camera)
@@ -398,7 +400,7 @@ class ObjectRecord(_Record):
         return f"ObjectRecord({self.name!r}, class {self.class_name}, {self.split}, {self.batch})"
 
 
-class _Part(_Record, has_arrays=False):
+class _Part(_Record):
     """A grasp, its frames, or a press of an object."""
 
     @property
@@ -425,7 +427,7 @@ class GraspRecord(_Part):
     `sensors`. `reading` and `points` differ from the store: an untouched sensor reads the empty gel, and the clouds are
     cut at their count. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`)."""
 
-    of_grasps = True
+    row = "grasp"
 
     @cached_property
     def intrinsics(self) -> np.ndarray:
@@ -466,7 +468,7 @@ class FramesRecord(_Part):
     The last frame is the grasp. `occluded` has images of the frames `image_frame` only, by the record's camera; all
     other arrays have all `len(frames)`. Shapes are in the symbols of docs/dataset.md."""
 
-    of_grasps = of_frames = True
+    row = "frame"
 
     def __len__(self) -> int:
         return len(self.time)
@@ -491,7 +493,7 @@ class PressRecord(_Part):
     """One press of a sensor onto the object, without a hand: every array of the contract with one row a press, some
     with a row for each of the forces in `force`. Shapes are in the symbols of docs/dataset.md."""
 
-    of_presses = True
+    row = "press"
 
     @property
     def empty_reading(self) -> np.ndarray:

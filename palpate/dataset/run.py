@@ -228,9 +228,9 @@ class Run:
 
     def grasps(self, entry: CatalogueEntry) -> int:
         """Grasps of the object, by the first stage that has grasps."""
-        stages = [stage for stage, spec in CONTRACT.items() if any(array.of_grasps for array in spec.arrays.values())]
+        stages = [stage for stage, spec in CONTRACT.items() if any("g" in each.shape for each in spec.arrays.values())]
         stage = next(filter(self.has, stages), stages[0])
-        name = next(name for name, array in CONTRACT[stage].arrays.items() if array.of_grasps)
+        name = next(name for name, array in CONTRACT[stage].arrays.items() if "g" in array.shape)
         return self._count(stage, name, entry)
 
     def presses(self, entry: CatalogueEntry) -> int:

@@ -68,16 +68,14 @@ class ArraySpec:
         return self.shape[0] == "o"
 
     @property
-    def of_grasps(self) -> bool:  # whether the second axis counts the grasps of each object
-        return self.shape[:2] == ("o", "g")
-
-    @property
-    def of_presses(self) -> bool:  # whether the second axis counts the presses of each object
-        return self.shape[:2] == ("o", "t")
-
-    @property
-    def of_frames(self) -> bool:  # whether the third axis counts the frames of a grasp, or those that have images
-        return self.shape[2:3] in (("f",), ("h",))
+    def row(self) -> str:
+        """What it has a row of: each "object", "grasp", "frame" of a grasp or "press"; empty if it is the batch's."""
+        match self.shape:
+            case ("o", "g", "f" | "h", *_):  # of all frames, or of those that have images
+                return "frame"
+            case ("o", "g" | "t" as second, *_):
+                return DIMENSIONS[second]
+        return "object" if self.of_objects else ""
 
     @property
     def of_cameras(self) -> bool:  # whether it has an axis of cameras, after those of objects, grasps and frames
@@ -135,17 +133,13 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
 CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.items() if stage.suffix}
 
 
-def arrays_by_name(
-    of_grasps: bool, of_frames: bool = False, of_presses: bool = False
-) -> dict[str, tuple[str, ArraySpec]]:
-    """Stage and contract, by name, of the arrays that have a row for each frame, each grasp or each press, or only for
-    each object. The array `object` is not among them. Raises ValueError if two have one name: they are attributes of
-    one record."""
+def arrays_by_name(row: str) -> dict[str, tuple[str, ArraySpec]]:
+    """Stage and contract, by name, of the arrays that have a row of each "object", "grasp", "frame" or "press".
+    The array `object` is not among them. Raises ValueError if two have one name: they are attributes of one record."""
     named: dict[str, tuple[str, ArraySpec]] = {}
-    kind = (of_grasps, of_frames, of_presses)
     specs = [(stage, spec) for stage, store in CONTRACT.items() for spec in store.arrays.values()]
     for stage, spec in specs:
-        if spec.of_objects and (spec.of_grasps, spec.of_frames, spec.of_presses) == kind and spec.name != "object":
+        if spec.row == row and spec.name != "object":
             other, _ = named.setdefault(spec.name, (stage, spec))
             if other != stage:
                 raise ValueError(f"contract.csv: {other} and {stage} both have an array {spec.name!r}: rename one")

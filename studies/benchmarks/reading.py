@@ -30,7 +30,7 @@ def read_plainly(run: Path, dataset: Dataset, grasps: GraspDataset, number: int)
         if stage not in opened:
             opened[stage] = h5py.File(path) if path.suffix == ".h5" else zarr.open_group(path, mode="r")
         names = [stored.decode() if isinstance(stored, bytes) else stored for stored in opened[stage]["object"][:]]
-        index = (names.index(record.name), *([grasp] if spec.of_grasps else []), *([0] if spec.of_cameras else []))
+        index = (names.index(record.name), *([grasp] if "g" in spec.shape else []), *([0] if spec.of_cameras else []))
         values[name] = opened[stage][spec.name][index]
     return values
 

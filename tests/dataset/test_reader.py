@@ -177,7 +177,7 @@ def test_grasps_are_what_zarr_and_hdf5_read_themselves(built):
             opened = h5py.File(path) if path.suffix == ".h5" else zarr.open_group(path)
             objects = [each.decode() if isinstance(each, bytes) else each for each in opened["object"][:]]
             values = opened[spec.name][...][objects.index(item["object"])]
-            values = values[item["grasp"]] if spec.of_grasps else values
+            values = values if spec.row == "object" else values[item["grasp"]]
             values = values[0] if spec.of_cameras else values
             if name == "reading":  # 0 is stored for a sensor that touched nothing
                 values = values[item["success"]]
@@ -256,9 +256,9 @@ def test_names_are_complete_and_help_has_units_and_shapes(built):
     for stage, name, spec in [(each, *pair) for each in CONTRACT for pair in CONTRACT[each].arrays.items()]:
         of_grasp = frames if "frame" in stage else grasp
         of_object = record if spec.of_objects and name != "object" else ""
-        text = of_grasp if spec.of_grasps else press if spec.of_presses else of_object
+        text = {"": "", "object": of_object, "press": press}.get(spec.row, of_grasp)
         if text and name not in ("points", "reading"):
-            axes = spec.shape[2 if spec.of_grasps or spec.of_presses else 1 :]
+            axes = spec.shape[1 if spec.row == "object" else 2 :]
             shape = ", ".join(str(axis) for axis in axes if axis != "k")  # a record has one camera
             said = text.split(f"\n |  {name}\n")[1].split("\n |  \n")[0]
             assert f"({shape}" in said and f"{spec.dtype}, {spec.unit}".rstrip(", ") in said, name
