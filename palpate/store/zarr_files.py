@@ -137,21 +137,18 @@ class Records:
         values = np.full((*numbers.shape, *self.shape[self._leading :]), self._fill, self.dtype)
         if self._file is None or not values.size:
             return values
-        descriptor = os.open(self._file, os.O_RDONLY)
-        try:
-            size = os.fstat(descriptor).st_size
+        with open(self._file, "rb", buffering=0) as file:
+            size = os.fstat(file.fileno()).st_size
             if self._sharded:
                 length = 16 * self._chunks + CHECKSUM
-                index = self._checked(os.pread(descriptor, length, max(size - length, 0)), "index")
+                index = self._checked(os.pread(file.fileno(), length, max(size - length, 0)), "index")
                 places = np.frombuffer(index, "<u8").reshape(-1, 2)[numbers.ravel()].tolist()
             else:
                 places = [(0, size)] * numbers.size
             for (start, length), target in zip(places, values.reshape(numbers.size, -1), strict=True):
                 if start != NOT_WRITTEN:
-                    chunk = self._checked(os.pread(descriptor, length, start), "a chunk")
+                    chunk = self._checked(os.pread(file.fileno(), length, start), "a chunk")
                     (numcodecs.VLenUTF8().decode if self._text else numcodecs.blosc.decompress)(chunk, target)
-        finally:
-            os.close(descriptor)
         return values
 
     def _checked(self, data: bytes, name: str) -> bytes:
