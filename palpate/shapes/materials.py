@@ -126,10 +126,8 @@ def across(vertices: np.ndarray) -> np.ndarray:
 
 def around(vertices: np.ndarray) -> np.ndarray:
     """Texture coordinates of a picture wrapped around z over the span of vertices (n, 3), seam at -x."""
-    angle = arctan2(vertices[:, 1], vertices[:, 0])
-    flat = np.stack([angle, vertices[:, 2]], axis=1)
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    return (flat - low) / np.maximum(high - low, 1e-9)
+    x, y, z = vertices.T
+    return across(np.column_stack([x, arctan2(y, x), z]))
 
 
 @dataclass(frozen=True)
