@@ -15,7 +15,6 @@ from palpate.shapes.materials import Material, Part, choose, interface
 from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, union
 
 AXES = (2, 0)
-GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 Size = tuple[float, float, float]  # thickness, width and height, m
 PROUD, DEEP = 0.0002, 0.0012  # m that glass and keys stand off the shell, and are let into it
 
@@ -98,7 +97,7 @@ def front(
             pane = plate(face, 0, 0, width - 1.2 * margin, height - 1.2 * margin, max(corner - 0.6 * margin, 0.001))
         else:
             pane = plate(face, 0, place, inner, tall, 0.06 * width)
-        parts.append(Part(pane, Material(glass, GLASS.colour, 0, 0.08)))
+        parts.append(Part(pane, Material(glass, (14, 14, 18), 0, 0.08)))
         wide, high = inner - 0.04 * width, tall - 0.04 * width
         name = "screen" if glass == "black-glass" else "inner-screen"
         picture = replace(interface(rng, high / wide, p.old == "yes"), name=name)
@@ -176,8 +175,8 @@ def back(p: SimpleNamespace, rng: Generator, thickness: float, width: float, hei
     side = 0 if p.camera == "bar" else np.clip(side, -0.47 * width + wide * lens / 2, 0.47 * width - wide * lens / 2)
     top = min(top, 0.48 * height - tall * lens / 2)
     if p.camera in islands:
-        island = slab((0.002 + rise, wide * lens, tall * lens), 0.3 * min(wide, tall) * lens, 0.4 * rise, (0, 0, 0))
-        island = island.translate((face - (rise - 0.002) / 2, side, top))
+        size, place = (0.002 + rise, wide * lens, tall * lens), (face - (rise - 0.002) / 2, side, top)
+        island = slab(size, 0.3 * min(wide, tall) * lens, 0.4 * rise, place)
         parts.append(Part(island, Material("island", choose(rng, "shell").colour, 0.3, 0.3)))
     else:
         rims = [disc(face, side + y * lens, top + z * lens, 1.2 * lens, -1, rise) for y, z in spots]

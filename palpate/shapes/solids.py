@@ -154,12 +154,8 @@ def sweep(path: ArrayLike, section: np.ndarray, scale: ArrayLike = 1.0, side: Ar
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     first = np.cross(across, tangent)
     scale = np.broadcast_to(np.asarray(scale, dtype=float).T, (2, len(path))).T
-    rings = (
-        path[:, None]
-        + first[:, None] * (section[None, :, :1] * scale[:, None, :1])
-        + across[:, None] * (section[None, :, 1:] * scale[:, None, 1:])
-    )
-    return loft(rings)
+    flat = section * scale[:, None]  # (k, m, 2)
+    return loft(path[:, None] + first[:, None] * flat[..., :1] + across[:, None] * flat[..., 1:])
 
 
 def along_y(stations: ArrayLike, exponent: float = 2.6, rings: int = 60, count: int = 40) -> Manifold:
@@ -175,9 +171,8 @@ def along_y(stations: ArrayLike, exponent: float = 2.6, rings: int = 60, count: 
 
 def upright(profile: ArrayLike, section: np.ndarray) -> Manifold:
     """A body along z. profile: (k, 2) rows of (radius, z); section: (m, 2) or (k, m, 2), for radius 1."""
-    profile, section = np.asarray(profile, dtype=float), np.asarray(section, dtype=float)
-    section = np.broadcast_to(section, (len(profile), *section.shape[-2:]))
-    flat = section * profile[:, :1, None]
+    profile = np.asarray(profile, dtype=float)
+    flat = section * profile[:, :1, None]  # (k, m, 2)
     return loft(np.concatenate([flat, np.broadcast_to(profile[:, 1:, None], (*flat.shape[:2], 1))], axis=2))
 
 
