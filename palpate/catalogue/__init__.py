@@ -3,9 +3,7 @@
 from palpate.lazy import lazy_exports
 
 EXPORTS = {
-    "record": [
-        *("assign_batches", "check_same_run", "in_order", "read_batches", "write_batches", "write_record"),
-    ],
+    "record": ["assign_batches", "check_same_run", "in_order", "read_batches", "write_batches", "write_record"],
     "source": ["CatalogueError", "Source"],
     "sources": ["LETTERS", "SourceObject", "class_counts", "file_name", "listed", "scan", "unread_lines"],
     "split": ["SPLITS", "assign_split"],
