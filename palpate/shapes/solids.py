@@ -146,15 +146,14 @@ def bent_bar(path: ArrayLike, fillet: float, width: float, height: float, expone
 
 
 def sweep(path: ArrayLike, section: np.ndarray, scale: ArrayLike = 1.0, side: ArrayLike = (1.0, 0.0, 0.0)) -> Manifold:
-    """Move a section (m, 2) along a path (k, 3), its first coordinate along `side`; scale: (k,), (k, 2) or one."""
+    """Move a section (m, 2) along a path (k, 3), its first coordinate along `side`; scale: one, or (k, 2)."""
     path = np.asarray(path, dtype=float)
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    across = np.cross(tangent, np.broadcast_to(side, path.shape))
+    across = np.cross(tangent, np.asarray(side))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     first = np.cross(across, tangent)
-    scale = np.broadcast_to(np.asarray(scale, dtype=float).T, (2, len(path))).T
-    flat = section * scale[:, None]  # (k, m, 2)
+    flat = section * np.atleast_2d(scale)[:, None]  # (k, m, 2), or (1, m, 2)
     return loft(path[:, None] + first[:, None] * flat[..., :1] + across[:, None] * flat[..., 1:])
 
 
