@@ -53,7 +53,7 @@ class RayCaster:
         the frame's axes. Raises ValueError for an invalid pose."""
         depth = np.full((len(position), *self.sensor.resolution), np.inf, dtype=np.float32)
         for k, *pose in self._near(position, rotation):
-            depth[k] = self.depth(*pose)
+            depth[k] = self._in_range(*pose)
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -61,7 +61,7 @@ class RayCaster:
         every 10th pixel in both directions is traced first."""
         success = np.zeros(len(position), dtype=bool)
         for k, *pose in self._near(position, rotation):
-            success[k] = self.succeeds_early(*pose) or np.isfinite(self.depth(*pose)).any()
+            success[k] = self.succeeds_early(*pose) or np.isfinite(self._in_range(*pose)).any()
         return success
 
     def _near(self, position: np.ndarray, rotation: np.ndarray) -> Iterator[tuple[Any, ...]]:
@@ -94,6 +94,11 @@ class RayCaster:
                 )
         return position - self._object_position, rotation
 
+    def _in_range(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Depth (r, c), +inf beyond the pixels' reach."""
+        depth = self.depth(origin, rotation)
+        return np.where(depth <= self.sensor.reach, depth, np.inf)
+
     def near_faces(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Indices of the faces whose bounding box meets the bounding box of the sensor's reach."""
         half = np.array([self.sensor.range, self.sensor.width, self.sensor.height]) / 2
@@ -106,7 +111,7 @@ class RayCaster:
         return near
 
     def depth(self, origin: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Depth (r, c) float64, +inf beyond the pixels' reach."""
+        """Depth (r, c) float64 up to the sensor's range; beyond it, any larger number."""
         pixels, shape = self.sensor.plane.reshape(-1, 3), self.sensor.resolution
         depth, doubtful = self._embree_depth(origin, rotation, self.sensor.plane)
         settled = np.zeros(len(pixels), dtype=bool)
@@ -115,8 +120,7 @@ class RayCaster:
             settled |= doubtful
             # One pit may have hidden the next.
             doubtful = _pits(depth.reshape(shape), max(self.sensor.pixel)).ravel() & ~settled
-        depth = depth.reshape(shape)
-        return np.where(depth <= self.sensor.reach, depth, np.inf)
+        return depth.reshape(shape)
 
     def _embree_depth(
         self, origin: np.ndarray, rotation: np.ndarray, plane: np.ndarray

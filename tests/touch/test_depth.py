@@ -186,7 +186,7 @@ def test_omitting_sensors_without_a_near_face_changes_nothing(seed, gap):
     mesh = trimesh.util.concatenate(parts)
     position, rotation = poses_near(mesh, 1, seed=seed, gap=(gap, gap))
     tracer = RayCaster(mesh)
-    everything = tracer.depth(position[0], rotation[0])
+    everything = tracer._in_range(position[0], rotation[0])
     np.testing.assert_array_equal(tracer.trace(position, rotation)[0], everything.astype(np.float32))
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.sensor import Sensor
 from palpate.touch import rays as caster
 from palpate.touch import reading, shading
 from studies.stability import rays
@@ -33,6 +32,11 @@ def test_holds(name, subject):
     assert {row["verdict"] for row in rows} <= {HOLDS, REJECTED}
 
 
+def unlimited(self, *arguments):
+    """Depth without the sensor's range."""
+    return self.depth(*arguments)
+
+
 def too_bright(height, normal, kind):
     return light_of(height, normal, replace(kind, diffuse=400.0))
 
@@ -43,7 +47,7 @@ NAIVE = {
     "rays through vertices and along edges": (caster, "_pits", lambda depth, pixel: np.zeros(depth.shape, dtype=bool)),
     "sensor plane inside the mesh": (caster, "_EDGE_ON", 0.0),
     "surface on the sensor plane": (caster, "_SLACK", 0.0),
-    "surface exactly at the range limit": (Sensor, "reach", property(lambda kind: np.full(kind.resolution, np.inf))),
+    "surface exactly at the range limit": (caster.RayCaster, "_in_range", unlimited),
     "steep steps in the impression": (shading, "light_of", too_bright),
     "float32 far from the origin": (reading, "FURTHEST", np.inf),
     "object much larger than the sensor": (caster, "_LARGEST", np.inf),
