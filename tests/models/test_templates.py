@@ -89,7 +89,7 @@ def test_the_start_is_interpolated_from_what_brute_force_finds(takes, excluding,
     model, masks = templates("mask" in takes)
     given = {key: values for key, values in batch().items() if key in takes}
     if takes == TOUCH + VISION:
-        given["success"][:2] = False
+        given["success"][:2] = False  # without a touch an image has the other scale
     samples = len(next(iter(given.values())))
     fits, covariances = zip(*(by_brute_force(model, masks, given, sample) for sample in range(samples)), strict=True)
     assert len({each.argmax() for each in fits}) > 2
